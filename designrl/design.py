@@ -1,0 +1,120 @@
+"""The learnable body: unbounded parameters -> bounded scales -> named dimensions.
+
+A design is a vector of scales, one per dimension of the body, each in [0.25, 1.75]: the paper lets
+every part vary by ±75 % of its original size (section 4, "we allow each part to be scaled to a
+range of ±75% of its original value").
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from designrl.errors import InputError
+
+SCALE_RANGE = 0.75  # the ±75 % of section 4
+SCALE_MIN, SCALE_MAX = 1.0 - SCALE_RANGE, 1.0 + SCALE_RANGE
+
+
+@dataclass(frozen=True)
+class DesignSpace:
+    """The dimensions of one kind of body.
+
+    Attributes:
+        names: one per dimension, in the paper's words ("top leg 1 width").
+        originals: (D,) the original dimensions, in ``unit``; a negative one is a direction that a
+            scale cannot flip.
+        unit: what ``originals`` are measured in.
+    """
+
+    names: tuple[str, ...]
+    originals: np.ndarray = field(repr=False)
+    unit: str
+
+    @property
+    def size(self) -> int:
+        """D, the number of dimensions."""
+        return len(self.names)
+
+    def scales(self, parameters: np.ndarray) -> np.ndarray:
+        """Bounded scales of unbounded parameters: 1 + 0.75 tanh(p), of any shape (..., D)."""
+        return 1.0 + SCALE_RANGE * np.tanh(np.asarray(parameters, dtype=np.float64))
+
+    def dimensions(self, scales: np.ndarray) -> np.ndarray:
+        """Sizes in ``unit`` of scales of shape (..., D)."""
+        return self.originals * np.asarray(scales, dtype=np.float64)
+
+    def validate(self, scales) -> np.ndarray:
+        """The scales as a new float64 array of shape (D,).
+
+        Raises:
+            InputError (a ValueError): wrong length, not numbers, NaN or outside [0.25, 1.75]; the
+                message names the dimension and what is allowed.
+        """
+        allowed = f"each must be in [{SCALE_MIN}, {SCALE_MAX}]"
+        try:
+            array = np.array(scales, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"a design must be {self.size} numbers; {allowed}") from None
+        if array.shape != (self.size,):
+            raise InputError(
+                f"a design for this body has {self.size} scales ({self.names[0]}, "
+                f"{self.names[1]}, ...), got an array of shape {array.shape}; {allowed}"
+            )
+        wrong = ~((array >= SCALE_MIN) & (array <= SCALE_MAX))  # also true for NaN
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise InputError(f"design scale {i} ({self.names[i]}) is {array[i]}; {allowed}")
+        return array
+
+
+WALKER = DesignSpace(
+    # Order of the published weights; dimensions of the original walker (Table 2, first row).
+    names=tuple(
+        f"{part} leg {leg} {side}"
+        for leg in (1, 2)
+        for part in ("top", "bottom")
+        for side in ("width", "height")
+    ),
+    originals=np.array([8.0, 34.0, 6.4, 34.0] * 2),
+    unit="1/30 m",  # Box2D units as Table 2 prints them: the simulation divides by SCALE = 30
+)
+
+ANT_LEGS = ("front left", "front right", "back left", "back right")
+ANT_PARTS = ("top", "middle", "bottom")
+_ANT_DIRECTIONS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+_ANT_LENGTHS = (0.2, 0.2, 0.4)  # |dx| = |dy| of the three parts, m
+_ANT_RADIUS = 0.08  # m
+
+ANT = DesignSpace(
+    # Per leg: dx, dy of the three parts, then the three radii.
+    names=tuple(
+        name
+        for leg in ANT_LEGS
+        for name in (
+            *(f"{leg} {part} {axis}" for part in ANT_PARTS for axis in ("dx", "dy")),
+            *(f"{leg} {part} radius" for part in ANT_PARTS),
+        )
+    ),
+    originals=np.array(
+        [
+            value
+            for sx, sy in _ANT_DIRECTIONS
+            for value in (
+                *(sign * length for length in _ANT_LENGTHS for sign in (sx, sy)),
+                *(_ANT_RADIUS,) * len(ANT_PARTS),
+            )
+        ]
+    ),
+    unit="m",
+)
+
+
+def leg_area(scales: np.ndarray) -> np.ndarray:
+    """Total area of a walker's four leg parts, in (1/30 m)², for scales of shape (..., 8)."""
+    size = WALKER.dimensions(scales)
+    return (size[..., 0::2] * size[..., 1::2]).sum(axis=-1)
+
+
+def leg_area_reward_factor(scales: np.ndarray) -> np.ndarray:
+    """1 + ln(original leg area / leg area): the reward's factor for smaller legs (section 4.2)."""
+    return 1.0 + np.log(leg_area(np.ones(WALKER.size)) / leg_area(scales))

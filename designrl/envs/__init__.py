@@ -1,0 +1,1 @@
+"""Gymnasium environments whose body is a design; `import designrl` registers them."""

@@ -1,0 +1,252 @@
+"""BipedalWalker with learnable legs: Gymnasium's walker on legs of any size."""
+
+import numpy as np
+from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
+from gymnasium import spaces
+from gymnasium.envs.box2d.bipedal_walker import (
+    HULL_FD,
+    LEG_DOWN,
+    MOTORS_TORQUE,
+    SCALE,
+    TERRAIN_HEIGHT,
+    BipedalWalker,
+)
+from gymnasium.utils import EzPickle
+
+from designrl.design import WALKER, leg_area_reward_factor
+from designrl.errors import InputError
+
+PARTS = ("hull", "top leg 1", "bottom leg 1", "top leg 2", "bottom leg 2")
+JOINTS = ("hip 1", "knee 1", "hip 2", "knee 2")
+REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
+LIDAR_RAYS = 10
+OBSERVATIONS = (
+    "hull angle",
+    "hull angular velocity",
+    "horizontal speed",
+    "vertical speed",
+    *(
+        name
+        for leg in (1, 2)
+        for name in (
+            f"hip {leg} angle",
+            f"hip {leg} speed",
+            f"knee {leg} angle",
+            f"knee {leg} speed",
+            f"leg {leg} ground contact",
+        )
+    ),
+    *(f"lidar {ray}" for ray in range(LIDAR_RAYS)),
+)
+
+
+class _FirstHit(b2RayCastCallback):
+    """The LIDAR of 2018: the first ground fixture that Box2D reports ends the ray."""
+
+    def ReportFixture(self, fixture, point, normal, fraction):  # noqa: N802 (Box2D's name)
+        if not fixture.filterData.categoryBits & 1:
+            return 1.0  # the walker's own body: go on, the ray keeps its length
+        self.point, self.fraction = point, fraction
+        return 0.0
+
+
+class _World(b2World):
+    """Answers the requests of Gymnasium's reset() with the parts of another body.
+
+    Gymnasium asks for the hull, then per leg for its top, the hip, its bottom and the knee. Only
+    sizes and places are replaced; materials, motors and joint limits stay as asked for.
+    """
+
+    def __init__(self, scales: np.ndarray, first_hit: bool):
+        super().__init__()
+        (w1, h1, w2, h2), (w3, h3, w4, h4) = (WALKER.dimensions(scales) / SCALE).reshape(2, 4)
+        self._hull_y = y = TERRAIN_HEIGHT + max(h1 + h2, h3 + h4)  # m
+        self._parts = [  # width, height, y of the centre, all in m; popped from the end
+            (float(width), float(height), float(centre))
+            for width, height, centre in (
+                (w4, h4, y - h3 - h4 / 2 - LEG_DOWN),
+                (w3, h3, y - h3 / 2 - LEG_DOWN),
+                (w2, h2, y - h1 - h2 / 2 - LEG_DOWN),
+                (w1, h1, y - h1 / 2 - LEG_DOWN),
+            )
+        ]
+        self._height: dict = {}  # of the bodies made so far, m
+        self._first_hit = _FirstHit() if first_hit else None
+
+    def CreateDynamicBody(self, *, position, fixtures, **kwargs):  # noqa: N802 (Box2D's name)
+        if fixtures is HULL_FD:
+            position = (position[0], float(self._hull_y))
+            return super().CreateDynamicBody(position=position, fixtures=fixtures, **kwargs)
+        width, height, y = self._parts.pop()
+        resized = b2FixtureDef(
+            shape=b2PolygonShape(box=(width / 2, height / 2)),
+            density=fixtures.density,
+            friction=fixtures.friction,
+            restitution=fixtures.restitution,
+            categoryBits=fixtures.categoryBits,
+            maskBits=fixtures.maskBits,
+        )
+        body = super().CreateDynamicBody(position=(position[0], y), fixtures=resized, **kwargs)
+        self._height[body] = height
+        return body
+
+    def CreateJoint(self, definition):  # noqa: N802 (Box2D's name)
+        if definition.bodyA in self._height:  # a knee; a hip stays where it is on the hull
+            definition.localAnchorA = (0, -self._height[definition.bodyA] / 2)
+        definition.localAnchorB = (0, self._height[definition.bodyB] / 2)
+        return super().CreateJoint(definition)
+
+    def RayCast(self, callback, p1, p2):  # noqa: N802 (Box2D's name)
+        if self._first_hit is None:
+            return super().RayCast(callback, p1, p2)
+        hit = self._first_hit
+        hit.fraction = None
+        super().RayCast(hit, p1, p2)
+        if hit.fraction is not None:
+            callback.p2, callback.fraction = hit.point, hit.fraction
+        return None
+
+
+class Walker(BipedalWalker):
+    """A two-legged walker over random terrain, with legs of a given design.
+
+    ## Description
+    The tasks BipedalWalker-v2 and BipedalWalkerHardcore-v2 of 2018 with the altered body of the
+    paper (section 4). Terrain, physics (Box2D), rewards and rendering are those of Gymnasium's
+    `BipedalWalker-v3`, on which this class builds; the legs and the LIDAR are its own. Every reset
+    makes a new Box2D world, so an episode depends on its seed, design and actions alone. 50 steps
+    are one second of simulated time.
+
+    ## Action space
+    `Box(-1, 1, (4,), float32)`: hip 1, knee 1, hip 2, knee 2. The sign is the direction of the
+    motor (4 rad/s at the hips, 6 rad/s at the knees), the size its torque in units of 80 N m;
+    beyond [-1, 1] it is clipped.
+
+    ## Observation space
+    `Box((24,), float32)`. Leg 1 is created first (and drawn behind leg 2).
+
+    | index   | observation                    | range     | unit                                |
+    |---------|--------------------------------|-----------|-------------------------------------|
+    | 0       | hull angle                     | unbounded | rad                                 |
+    | 1       | hull angular velocity          | unbounded | 25 rad/s (velocity · 2 / 50)        |
+    | 2       | horizontal speed of the hull   | unbounded | 8.33 m/s (velocity · 0.3 · 20 / 50) |
+    | 3       | vertical speed of the hull     | unbounded | 12.5 m/s (velocity · 0.3 · 13.3/50) |
+    | 4, 9    | hip angle of leg 1, 2          | unbounded | rad, from the leg's start tilt; the |
+    |         |                                |           | limits -0.8 and 1.1 are soft        |
+    | 5, 10   | hip speed of leg 1, 2          | unbounded | 4 rad/s (the motor's speed)         |
+    | 6, 11   | knee angle + 1 of leg 1, 2     | unbounded | rad; soft limits -0.6 and 0.9       |
+    | 7, 12   | knee speed of leg 1, 2         | unbounded | 6 rad/s (the motor's speed)         |
+    | 8, 13   | lower part touches the ground  | 0 or 1    |                                     |
+    | 14 - 23 | LIDAR: distance from the hull's| [0, 1]    | 5.33 m; ray i points 0.15·i rad     |
+    |         | centre along ten rays          |           | ahead of straight down              |
+
+    Source: Gymnasium 1.4 `bipedal_walker.py`; unbounded where impulses exceed any nominal range.
+
+    ## Rewards
+    `info["reward_terms"]` has each term of the step; their sum is the reward.
+
+    | term     | value per step                                         | unit and source       |
+    |----------|--------------------------------------------------------|-----------------------|
+    | progress | 130 / 30 · (x - x of the step before)                  | points, x in m; the   |
+    |          |                                                        | whole course gives    |
+    |          |                                                        | about 340 (Gymnasium) |
+    | posture  | -5 · (|hull angle| - |hull angle of the step before|)  | points, angle in rad  |
+    | energy   | -0.028 · sum of min(|action|, 1)                       | points (v2: "count    |
+    |          |                                                        | energy spent")        |
+    | fall     | -100 where the hull touches the ground or passes the   | points; replaces all  |
+    |          | left end                                               | other terms           |
+    | leg_area | (progress + posture + energy) · ln(original leg area / | only with             |
+    |          | leg area)                                              | `leg_area_reward`     |
+    |          |                                                        | (paper, section 4.2)  |
+
+    ## Start
+    The hull stands at terrain height + the longer leg's height, 4.67 m from the left end, legs
+    tilted by ∓0.05 rad, pushed sideways by a random force of up to 5 N during the first step.
+    Reset takes that step, with zero action, so the first observation is one step old.
+
+    ## End of episode
+    Terminated when the hull touches the ground, x < 0, or x > 88.67 m (the course is done).
+    Truncated by the registered time limit: 1600 steps, hardcore 2000.
+
+    ## Arguments
+    - `design`: (8,) scales in [0.25, 1.75], in the order of `designrl.design.WALKER.names`;
+      None is the original body. `reset(options={"design": scales})` changes it from then on.
+    - `lidar`: "v2", the task of the paper: a ray stops at the first ground fixture that Box2D
+      reports, which is not always the closest one. "v3": at the closest, as in Gymnasium.
+    - `leg_area_reward`: multiply the rewards, except that of a fall, by 1 + ln(original leg area /
+      leg area).
+    - `hardcore`, `render_mode` ("human", "rgb_array"): as in Gymnasium.
+
+    Raises:
+        InputError (a ValueError): a design of wrong length, not finite or out of bounds; an
+            unknown `lidar`; unknown reset options.
+
+    ## Version history
+    - v0: the 2018 task on Gymnasium 1.4 and box2d-py 2.3.8.
+    """
+
+    def __init__(
+        self,
+        design=None,
+        lidar: str = "v2",
+        leg_area_reward: bool = False,
+        hardcore: bool = False,
+        render_mode: str | None = None,
+    ):
+        if lidar not in ("v2", "v3"):
+            raise InputError(f'lidar is {lidar!r}; it must be "v2" (the paper\'s) or "v3"')
+        super().__init__(render_mode=render_mode, hardcore=hardcore)
+        EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
+        self.lidar_version = lidar
+        self.leg_area_reward = leg_area_reward
+        self._set_design(np.ones(WALKER.size) if design is None else design)
+
+        high = np.full(len(OBSERVATIONS), np.inf, dtype=np.float32)
+        low = -high
+        bounded = [i for i, n in enumerate(OBSERVATIONS) if "lidar" in n or "contact" in n]
+        low[bounded], high[bounded] = 0.0, 1.0
+        self.observation_space = spaces.Box(low, high)
+
+    def _set_design(self, design) -> None:
+        self.design = WALKER.validate(design)
+        self.reward_factor = (
+            float(leg_area_reward_factor(self.design)) if self.leg_area_reward else 1.0
+        )
+
+    def reset(self, *, seed: int | None = None, options: dict | None = None):
+        """Start an episode; `options={"design": scales}` changes the body from now on."""
+        options = dict(options or {})
+        design = options.pop("design", None)
+        if options:
+            raise InputError(f"unknown reset option {next(iter(options))!r}; there is 'design'")
+        if design is not None:
+            self._set_design(design)
+        # The old world goes as a whole: a world that is used again keeps the order in which its
+        # free list hands out contacts and tree nodes, and with it another rounding.
+        self.terrain = []
+        self.world = _World(self.design, first_hit=self.lidar_version == "v2")
+        self._x = self._tilt = 0.0
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        """One 50th of a second; rewards are float64 whatever the action's type."""
+        action = np.asarray(action, dtype=np.float64)
+        observation, reward, terminated, truncated, info = super().step(action)
+        x, tilt = self.hull.position[0], abs(self.hull.angle)
+        terms = dict.fromkeys(REWARD_TERMS, 0.0)
+        if self.game_over or x < 0:
+            terms["fall"] = float(reward)
+        else:
+            terms["progress"] = 130 / SCALE * (x - self._x)
+            terms["posture"] = -5.0 * (tilt - self._tilt)
+            terms["energy"] = -0.00035 * MOTORS_TORQUE * sum(min(abs(a), 1.0) for a in action)
+            if self.leg_area_reward:
+                terms["leg_area"] = reward * (self.reward_factor - 1.0)
+                reward *= self.reward_factor
+        self._x, self._tilt = x, tilt
+        info["reward_terms"] = terms
+        return observation, float(reward), terminated, truncated, info
+
+    def lidar_rays(self) -> np.ndarray:
+        """(10, 2, 2) start and end of each ray of the last step, in m."""
+        return np.array([[ray.p1, ray.p2] for ray in self.lidar])

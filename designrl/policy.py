@@ -1,0 +1,167 @@
+"""The policy: a small tanh network, as a torch module and as the arithmetic of a rollout.
+
+The flat parameter vector holds, layer by layer, the weight matrix (inputs, outputs) in row-major
+order and the bias; then the outputs' log-stds where the network has noise; last the design's
+parameters, which are not the network's business.
+
+Rollouts use `act`, float32 arithmetic in a fixed order, so that every backend and every machine
+gives the same bits. `TanhPolicy` is the same network in torch, for everything that wants
+gradients; the two agree to float32 rounding.
+"""
+
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from designrl.errors import InputError
+from designrl.experiments import Experiment, Network
+
+# tanh(x) = x P(x²) / Q(x²) on |x| <= 9: a minimax fit of ours, relative error 2.1e-8 in exact
+# arithmetic and 3.8e-7 in float32. A rational function of basic operations because those give the
+# same bits on every processor, which the vectorised tanh of NumPy, torch or libm do not.
+TANH_LIMIT = np.float32(9.0)
+TANH_COEFFICIENTS = np.array(
+    [
+        [1.3354668482179477e-08, 7.776561119499092e-07],
+        [2.0609088096534833e-05, 0.00032856353209353983],
+        [0.003495588432997465, 0.025876984000205994],
+        [0.13381025195121765, 0.4671434164047241],
+        [1.0, 1.0],
+    ],
+    dtype=np.float32,
+)  # rows: falling powers of x²; columns: P, Q
+_TANH_STEPS = [row[:, None] for row in TANH_COEFFICIENTS]
+_ONE = np.float32(1.0)
+
+
+def tanh32(x: np.ndarray) -> np.ndarray:
+    """tanh of a float32 vector (n,) in reproducible arithmetic (each operation rounded once)."""
+    x = x.clip(-TANH_LIMIT, TANH_LIMIT)
+    square = x * x
+    value = _TANH_STEPS[0] * square
+    value += _TANH_STEPS[1]
+    for coefficient in _TANH_STEPS[2:]:
+        value *= square
+        value += coefficient
+    x *= value[0]
+    x /= value[1]
+    return x.clip(-_ONE, _ONE)
+
+
+def _split(network: Network, parameters) -> list:
+    """Views of a flat (P,) vector: weights (in, out) and bias of each layer, then log-stds."""
+    views, start = [], 0
+    for inputs, outputs in zip(network.sizes[:-1], network.sizes[1:], strict=True):
+        views.append(parameters[start : start + inputs * outputs].reshape(inputs, outputs))
+        start += inputs * outputs
+        views.append(parameters[start : start + outputs])
+        start += outputs
+    if network.noise:
+        views.append(parameters[start : start + network.sizes[-1]])
+    return views
+
+
+class Agent:
+    """A policy with the body that it learned.
+
+    Args:
+        experiment: what it was trained for.
+        parameters: (P,) the flat vector, network first, then the design's parameters.
+        network: where it differs from the experiment's (the published original ant).
+        metadata: where it came from.
+
+    Raises:
+        InputError: wrong number of parameters, or some are not finite.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        parameters: np.ndarray,
+        network: Network | None = None,
+        metadata: dict[str, str] | None = None,
+    ):
+        self.experiment = experiment
+        self.network = network or experiment.network
+        self.parameters = np.array(parameters, dtype=np.float64)
+        self.metadata = metadata or {}
+        design_size = experiment.design.size if experiment.design else 0
+        expected = self.network.num_parameters + design_size
+        if self.parameters.shape != (expected,):
+            raise InputError(
+                f"{experiment.name} has {expected} parameters, got an array of shape "
+                f"{self.parameters.shape}"
+            )
+        if not np.isfinite(self.parameters).all():
+            raise InputError(
+                f"parameter {int(np.argmin(np.isfinite(self.parameters)))} is not a finite number"
+            )
+        self._layers = _split(self.network, self.parameters.astype(np.float32))
+        self._noise_std = (
+            np.exp(0.5 * self.parameters[: self.network.num_parameters][-self.network.sizes[-1] :])
+            if self.network.noise
+            else None
+        )
+        self._rng = np.random.default_rng()
+
+    @cached_property
+    def design(self) -> np.ndarray | None:
+        """(D,) scales of the learned body; None where the experiment learns none."""
+        if self.experiment.design is None:
+            return None
+        return self.experiment.design.scales(self.parameters[self.network.num_parameters :])
+
+    def reset(self, seed: int) -> None:
+        """Start an episode: the output noise, if any, is a function of the seed alone."""
+        if self._noise_std is not None:
+            # A stream of its own, apart from the environment's, which starts from the same seed.
+            self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+
+    def act(self, observation: np.ndarray, t: int = 0) -> np.ndarray:
+        """Action (A,) float32 for an observation (O,) at step t, counted from 0.
+
+        Sums run over the inputs in order, in float32; see the module's text for why.
+        """
+        x = np.asarray(observation, dtype=np.float32)
+        if self.network.time_scale is not None:
+            x = np.append(x, np.float32(t / self.network.time_scale))
+        last = len(self.network.sizes) - 2
+        for i in range(last + 1):
+            # A reduction over the slow axis adds row after row: the order is fixed.
+            x = np.add.reduce(x[:, None] * self._layers[2 * i], axis=0)
+            x += self._layers[2 * i + 1]
+            if i < last:
+                x = tanh32(x)
+        if self._noise_std is not None:
+            x += (self._rng.standard_normal(x.size) * self._noise_std).astype(np.float32)
+        return tanh32(x) if self.network.output == "tanh" else x
+
+
+class TanhPolicy(torch.nn.Module):
+    """The network in torch: (..., O) observations -> (..., A) mean actions.
+
+    `torch.nn.utils.parameters_to_vector(policy.parameters())` is the flat vector, without the
+    design; `vector_to_parameters` loads one.
+    """
+
+    def __init__(self, network: Network, dtype: torch.dtype = torch.float64):
+        super().__init__()
+        self.network = network
+        views = _split(network, torch.zeros(network.num_parameters, dtype=dtype))
+        self.layers = torch.nn.ParameterList(view.clone() for view in views)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Mean action; the time input, if the network has one, is the observation's last."""
+        x = observation
+        count = len(self.network.sizes) - 1
+        for i in range(count):
+            x = x @ self.layers[2 * i] + self.layers[2 * i + 1]
+            if i < count - 1 or self.network.output == "tanh":
+                x = torch.tanh(x)
+        return x
+
+    @property
+    def std(self) -> torch.Tensor | None:
+        """(A,) standard deviation of the output noise before the activation; None without."""
+        return torch.exp(0.5 * self.layers[-1]) if self.network.noise else None
