@@ -70,6 +70,11 @@ class Experiment:
         return "Hardcore" in self.env_id
 
     @property
+    def body(self) -> DesignSpace:
+        """The dimensions of its body, learned or not."""
+        return WALKER if self.is_walker else ANT
+
+    @property
     def num_parameters(self) -> int:
         """P: network parameters, then design parameters."""
         return self.network.num_parameters + (self.design.size if self.design else 0)

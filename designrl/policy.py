@@ -1,18 +1,17 @@
-"""The policy: a small tanh network, as a torch module and as the arithmetic of a rollout.
+"""The policy in a rollout: a small tanh network in reproducible arithmetic.
 
 The flat parameter vector holds, layer by layer, the weight matrix (inputs, outputs) in row-major
 order and the bias; then the outputs' log-stds where the network has noise; last the design's
 parameters, which are not the network's business.
 
-Rollouts use `act`, float32 arithmetic in a fixed order, so that every backend and every machine
-gives the same bits. `TanhPolicy` is the same network in torch, for everything that wants
-gradients; the two agree to float32 rounding.
+Rollouts compute in float32 in a fixed order, so that every backend and every machine gives the
+same bits. `designrl.network.TanhPolicy` is the same network in torch, for everything that wants
+gradients or batches; the two agree to float32 rounding.
 """
 
 from functools import cached_property
 
 import numpy as np
-import torch
 
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network
@@ -49,8 +48,8 @@ def tanh32(x: np.ndarray) -> np.ndarray:
     return x.clip(-_ONE, _ONE)
 
 
-def _split(network: Network, parameters) -> list:
-    """Views of a flat (P,) vector: weights (in, out) and bias of each layer, then log-stds."""
+def split_layers(network: Network, parameters) -> list:
+    """Views of a flat (P,) array or tensor: each layer's weights (in, out) and bias, log-stds."""
     views, start = [], 0
     for inputs, outputs in zip(network.sizes[:-1], network.sizes[1:], strict=True):
         views.append(parameters[start : start + inputs * outputs].reshape(inputs, outputs))
@@ -97,7 +96,7 @@ class Agent:
             raise InputError(
                 f"parameter {int(np.argmin(np.isfinite(self.parameters)))} is not a finite number"
             )
-        self._layers = _split(self.network, self.parameters.astype(np.float32))
+        self._layers = split_layers(self.network, self.parameters.astype(np.float32))
         self._noise_std = (
             np.exp(0.5 * self.parameters[: self.network.num_parameters][-self.network.sizes[-1] :])
             if self.network.noise
@@ -111,6 +110,11 @@ class Agent:
         if self.experiment.design is None:
             return None
         return self.experiment.design.scales(self.parameters[self.network.num_parameters :])
+
+    @property
+    def body(self) -> np.ndarray:
+        """(D,) scales of the body it walks with: its design, or ones for the original body."""
+        return np.ones(self.experiment.body.size) if self.design is None else self.design
 
     def reset(self, seed: int) -> None:
         """Start an episode: the output noise, if any, is a function of the seed alone."""
@@ -136,32 +140,3 @@ class Agent:
         if self._noise_std is not None:
             x += (self._rng.standard_normal(x.size) * self._noise_std).astype(np.float32)
         return tanh32(x) if self.network.output == "tanh" else x
-
-
-class TanhPolicy(torch.nn.Module):
-    """The network in torch: (..., O) observations -> (..., A) mean actions.
-
-    `torch.nn.utils.parameters_to_vector(policy.parameters())` is the flat vector, without the
-    design; `vector_to_parameters` loads one.
-    """
-
-    def __init__(self, network: Network, dtype: torch.dtype = torch.float64):
-        super().__init__()
-        self.network = network
-        views = _split(network, torch.zeros(network.num_parameters, dtype=dtype))
-        self.layers = torch.nn.ParameterList(view.clone() for view in views)
-
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Mean action; the time input, if the network has one, is the observation's last."""
-        x = observation
-        count = len(self.network.sizes) - 1
-        for i in range(count):
-            x = x @ self.layers[2 * i] + self.layers[2 * i + 1]
-            if i < count - 1 or self.network.output == "tanh":
-                x = torch.tanh(x)
-        return x
-
-    @property
-    def std(self) -> torch.Tensor | None:
-        """(A,) standard deviation of the output noise before the activation; None without."""
-        return torch.exp(0.5 * self.layers[-1]) if self.network.noise else None

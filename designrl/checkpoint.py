@@ -1,0 +1,197 @@
+"""Checkpoints: safetensors files with a policy, its body and where they came from.
+
+A file holds one tensor, `parameters` (P,) float64, and one metadata entry, `designrl`, a JSON
+object: experiment, network, seed, settings, generation, score, environment steps, versions. One
+entry, because safetensors writes several in random order and equal runs must give equal bytes.
+Loading one runs no code.
+"""
+
+import dataclasses
+import hashlib
+import importlib.metadata
+import json
+import os
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+import designrl
+from designrl.errors import InputError
+from designrl.experiments import (
+    PUBLISHED_ANT_NETWORK,
+    Experiment,
+    Network,
+    get_experiment,
+)
+from designrl.policy import Agent
+
+FORMAT = "designrl checkpoint 1"
+MAX_FILE_BYTES = 64 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
+LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of this package, of its sources and of the libraries that scores depend on."""
+    found = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    return {"designrl": designrl.__version__, "sources": sources_hash(), **found}
+
+
+@cache
+def sources_hash() -> str:
+    """Hash of the package's own sources (16 hex digits): names the code without asking git."""
+    root = Path(designrl.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        if path.suffix in (".py", ".cpp", ".h", ".hpp", ".proto"):
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def file_hash(path: str | Path) -> str:
+    """SHA-256 of a file, in hex."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def write_atomically(path: str | Path, data: bytes) -> None:
+    """Write a file so that it holds either its old content or all of the new one.
+
+    Raises:
+        InputError: the file cannot be written (no space, no permission).
+    """
+    path = Path(path)
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".new-", delete=False) as file:
+            temporary = file.name
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        raise InputError(
+            f"{path} cannot be written ({error.strerror}); free some space or choose another place"
+        ) from None
+
+
+def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarray], dict]:
+    """Tensors and metadata of one of our safetensors files.
+
+    Raises:
+        InputError: missing, too large, damaged or not of that format.
+    """
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name a file in it")
+        if size > MAX_FILE_BYTES:
+            raise InputError(f"{path} has {size} bytes, too many for a {format_name}")
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
+    damaged = f"{path} is not a whole {format_name} file; get it again"
+    try:
+        tensors = safetensors.numpy.load(data)
+        header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+        metadata = json.loads(header["__metadata__"]["designrl"])
+    except (safetensors.SafetensorError, KeyError, TypeError, ValueError, RecursionError):
+        raise InputError(damaged) from None
+    if not isinstance(metadata, dict) or metadata.get("format") != format_name:
+        raise InputError(damaged)
+    return tensors, metadata
+
+
+def write_tensors(
+    path: str | Path, tensors: dict[str, np.ndarray], metadata: dict, format_name: str
+) -> None:
+    """The reverse of `read_tensors`; the same input gives the same bytes."""
+    text = json.dumps({"format": format_name, **metadata}, sort_keys=True)
+    write_atomically(path, safetensors.numpy.save(tensors, metadata={"designrl": text}))
+
+
+def save(agent: Agent, path: str | Path) -> None:
+    """Write an agent as a checkpoint.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    metadata = {
+        **agent.metadata,
+        "experiment": agent.experiment.name,
+        "network": dataclasses.asdict(agent.network),
+    }
+    write_tensors(path, {"parameters": agent.parameters}, metadata, FORMAT)
+
+
+def load(path: str | Path, experiment: str | None = None) -> Agent:
+    """The agent of a checkpoint, or of a 2018 JSON file where `experiment` is given.
+
+    Args:
+        path: a `.safetensors` file of ours or a `.json` file of the 2018 repositories.
+        experiment: needed for the latter; for a checkpoint, what it must be of.
+
+    Raises:
+        InputError: missing, damaged, of another experiment, or with numbers that are not finite.
+    """
+    path = Path(path)
+    if path.suffix == ".json":
+        if experiment is None:
+            raise InputError(f"{path} does not say what it was trained for; add --experiment NAME")
+        return load_published(path, get_experiment(experiment))
+    tensors, metadata = read_tensors(path, FORMAT)
+    try:
+        found = get_experiment(metadata["experiment"])
+        network = Network(**{**metadata["network"], "sizes": tuple(metadata["network"]["sizes"])})
+        if network not in (found.network, PUBLISHED_ANT_NETWORK):
+            raise InputError(f"its network is unknown: {network}")
+        agent = Agent(found, tensors["parameters"], network, metadata)
+    except InputError as error:
+        raise InputError(f"{path} cannot be used: {error}") from None
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{path} lacks some of what a checkpoint holds; get it again") from None
+    if experiment is not None and found != get_experiment(experiment):
+        raise InputError(f"{path} is of experiment {found.name}, not {experiment}; name that one")
+    return agent
+
+
+def load_published(path: str | Path, experiment: Experiment) -> Agent:
+    """The agent of a JSON file of the 2018 repositories: `[parameters, score]`.
+
+    Raises:
+        InputError: missing, not such a list, or of another length than the experiment's networks.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"{path} is too large for a file of published weights")
+        parameters, score = json.loads(path.read_text(encoding="utf-8"))
+        parameters = np.array(parameters, dtype=np.float64)
+        score = float(score)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
+    except (ValueError, TypeError, RecursionError, OverflowError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path} is not a 2018 weights file ([parameters, score])") from None
+    network = experiment.network
+    if experiment.name == "ant" and parameters.shape == (PUBLISHED_ANT_NETWORK.num_parameters,):
+        network = PUBLISHED_ANT_NETWORK
+    metadata = {
+        "source": f"published weights of 2018 ({path.name})",
+        "source_sha256": file_hash(path),
+        "score": score,
+        "versions": versions(),
+    }
+    try:
+        return Agent(experiment, parameters, network, metadata)
+    except InputError as error:
+        raise InputError(f"{path} cannot be used as {experiment.name}: {error}") from None
