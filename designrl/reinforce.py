@@ -1,0 +1,237 @@
+"""Population-based REINFORCE (Williams 1992, section 6) over a factored Gaussian.
+
+    optimiser = Reinforce(num_parameters, population=192, settings=PUBLISHED, seed=0)
+    while True:
+        candidates = optimiser.ask()       # (N, P), drawn from N(μ, σ²)
+        optimiser.tell(returns)            # (N,), one per candidate
+
+Two presets of one class: `PAPER` is what the paper writes (equations 3 to 5), `PUBLISHED` what the
+published code does. The mathematics is in free functions on tensors; the class keeps the state.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from designrl.errors import InputError
+
+_NOISE_STREAM = 0  # spawn key of the samples; training's episode seeds have another
+
+
+@dataclass(frozen=True)
+class ReinforceSettings:
+    """What distinguishes the forms of the algorithm; each field's default is the published form."""
+
+    mirrored: bool = True
+    """Sample in pairs μ + ε, μ - ε; otherwise independently."""
+    ranks: bool = True
+    """Replace returns by centred ranks in [-0.5, 0.5]."""
+    weight_decay: float = 0.005
+    """Subtracted from a candidate's fitness: weight_decay · mean(w²)."""
+    adam: bool = True
+    """Step μ with Adam (β 0.99, 0.999; ε 1e-8) on the pair-difference gradient; otherwise plain
+    gradient ascent on μ and σ (equation 4)."""
+    learning_rate: float = 0.01
+    """α of equation 4, or Adam's step size."""
+    sigma_start: float = 0.1
+    """σ of every parameter at the start."""
+    sigma_learning_rate: float = 0.2
+    """Step size of σ in the published rule; the plain form uses learning_rate for both."""
+    sigma_change_max: float = 0.2
+    """Largest relative change of a σ by one update of the published rule."""
+    sigma_decay: float = 0.9995
+    """Factor on every σ above sigma_floor after each update."""
+    sigma_floor: float = 0.02
+    """σ below this does not decay; the plain form never goes below it."""
+
+
+PUBLISHED = ReinforceSettings()
+PAPER = ReinforceSettings(
+    mirrored=False,
+    ranks=False,
+    weight_decay=0.0,
+    adam=False,
+    learning_rate=1e-4,  # the paper names α but gives no value
+    sigma_decay=1.0,
+)
+
+
+def log_density(w: torch.Tensor, mu: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
+    """log N(w; μ, σ²), summed over the factored parameters: (N, P), (P,), (P,) -> (N,)."""
+    return torch.distributions.Normal(mu, sigma).log_prob(w).sum(dim=-1)
+
+
+def log_density_gradients(
+    w: torch.Tensor, mu: torch.Tensor, sigma: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Gradients of the log-density by μ and σ, in closed form (equation 5): (N, P) each."""
+    deviation = w - mu
+    return deviation / sigma**2, (deviation**2 - sigma**2) / sigma**3
+
+
+def reinforce_gradients(
+    returns: torch.Tensor, w: torch.Tensor, mu: torch.Tensor, sigma: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Estimated gradients of J by μ and σ (equation 3): means of R(w) ∇ log N(w), (P,) each."""
+    by_mu, by_sigma = log_density_gradients(w, mu, sigma)
+    return returns @ by_mu / len(returns), returns @ by_sigma / len(returns)
+
+
+def centred_ranks(values: torch.Tensor) -> torch.Tensor:
+    """Ranks of (N,) values, spread evenly over [-0.5, 0.5]; equal values rank in their order."""
+    ranks = torch.empty_like(values)
+    ranks[torch.argsort(values, stable=True)] = torch.arange(len(values), dtype=values.dtype)
+    return ranks / (len(values) - 1) - 0.5
+
+
+def pair_gradient(fitness: torch.Tensor, epsilon: torch.Tensor) -> torch.Tensor:
+    """Published direction for μ: Σ over pairs of (r⁺ - r⁻) ε; (N,), (N/2, P) -> (P,)."""
+    plus, minus = fitness.chunk(2)
+    return (plus - minus) @ epsilon
+
+
+def pair_sigma_change(
+    fitness: torch.Tensor, epsilon: torch.Tensor, sigma: torch.Tensor
+) -> torch.Tensor:
+    """Published direction for σ, from pair means against the mean of all; (P,).
+
+    Σ over pairs of ((r⁺ + r⁻)/2 - mean r) (ε² - σ²)/σ, divided by N.
+    """
+    plus, minus = fitness.chunk(2)
+    advantage = (plus + minus) / 2 - fitness.mean()
+    return advantage @ ((epsilon**2 - sigma**2) / sigma) / len(fitness)
+
+
+class Reinforce:
+    """The distribution N(μ, σ²) over candidates and its updates.
+
+    Args:
+        num_parameters: P.
+        population: N, candidates per generation; even and at least 2 where pairs are mirrored.
+        settings: PUBLISHED, PAPER or settings of one's own.
+        seed: every generation's samples are a function of the seed and the generation.
+
+    Attributes:
+        mu, sigma: (P,) float64 tensors.
+        generation: updates so far.
+
+    Raises:
+        InputError: a population that the settings cannot use.
+    """
+
+    def __init__(
+        self,
+        num_parameters: int,
+        population: int = 192,
+        settings: ReinforceSettings = PUBLISHED,
+        seed: int = 0,
+    ):
+        if population < 2 or (settings.mirrored and population % 2):
+            raise InputError(
+                f"the population is {population}; it must be at least 2"
+                + (" and even, for mirrored pairs" if settings.mirrored else "")
+            )
+        self.population = population
+        self.settings = settings
+        self.seed = seed
+        self.generation = 0
+        self.mu = torch.zeros(num_parameters, dtype=torch.float64)
+        self.sigma = torch.full_like(self.mu, settings.sigma_start)
+        self._adam_on(self.mu)
+        self._candidates: torch.Tensor | None = None
+
+    def _adam_on(self, mu: torch.Tensor) -> None:
+        mu.requires_grad_(False)
+        self._adam = torch.optim.Adam(
+            [mu],
+            lr=self.settings.learning_rate,
+            betas=(0.99, 0.999),
+            eps=1e-8,
+            maximize=True,
+            foreach=False,
+        )
+
+    def ask(self) -> torch.Tensor:
+        """(N, P) candidates of this generation; asking again gives the same ones."""
+        if self._candidates is None:
+            key = (self.generation, _NOISE_STREAM)
+            rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
+            count = self.population // 2 if self.settings.mirrored else self.population
+            noise = torch.from_numpy(rng.standard_normal((count, len(self.mu))))
+            self._epsilon = self.sigma * noise
+            both = (self._epsilon, -self._epsilon) if self.settings.mirrored else (self._epsilon,)
+            self._candidates = self.mu + torch.cat(both)
+        return self._candidates
+
+    def tell(self, returns) -> None:
+        """Update μ and σ with the (N,) returns of the candidates of `ask()`.
+
+        Raises:
+            InputError: not N finite numbers.
+        """
+        returns = torch.as_tensor(np.asarray(returns), dtype=torch.float64)
+        if returns.shape != (self.population,) or not torch.isfinite(returns).all():
+            raise InputError(f"tell() needs {self.population} finite returns")
+        w, s = self.ask(), self.settings
+        fitness = centred_ranks(returns) if s.ranks else returns
+        fitness = fitness - s.weight_decay * (w**2).mean(dim=1)
+        if s.mirrored:
+            by_mu = pair_gradient(fitness, self._epsilon)
+            by_sigma = pair_sigma_change(fitness, self._epsilon, self.sigma)
+        else:
+            by_mu, by_sigma = reinforce_gradients(fitness, w, self.mu, self.sigma)
+        if s.adam:
+            self.mu.grad = by_mu
+            self._adam.step()
+            limit = s.sigma_change_max * self.sigma
+            change = s.sigma_learning_rate * by_sigma
+            self.sigma = self.sigma + torch.clamp(change, -limit, limit)
+            decayed = s.sigma_decay * self.sigma
+            self.sigma = torch.where(self.sigma > s.sigma_floor, decayed, self.sigma)
+        else:
+            self.mu = self.mu + s.learning_rate * by_mu
+            # The paper does not say what keeps σ positive; a floor is the least that does.
+            self.sigma = torch.clamp(self.sigma + s.learning_rate * by_sigma, min=s.sigma_floor)
+        self.generation += 1
+        self._candidates = None
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that `restore` needs, as arrays; the two together lose no bit."""
+        moments = self._adam.state.get(self.mu, {})
+        zeros = torch.zeros_like(self.mu)
+        return {
+            "mu": self.mu.numpy().copy(),
+            "sigma": self.sigma.numpy().copy(),
+            "adam_m": moments.get("exp_avg", zeros).numpy().copy(),
+            "adam_v": moments.get("exp_avg_sq", zeros).numpy().copy(),
+            "generation": np.array(self.generation, dtype=np.int64),
+        }
+
+    def restore(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from a `state()`.
+
+        Raises:
+            InputError: arrays missing, of other shapes or types, or not finite.
+        """
+        expected = self.state()
+        for name, array in expected.items():
+            found = state.get(name)
+            if (
+                found is None
+                or found.shape != array.shape
+                or found.dtype != array.dtype
+                or not np.isfinite(found).all()
+            ):
+                raise InputError(f"the optimiser's state {name!r} is missing or damaged")
+        self.generation = int(state["generation"])
+        self.mu = torch.from_numpy(state["mu"].copy())
+        self.sigma = torch.from_numpy(state["sigma"].copy())
+        self._adam_on(self.mu)
+        if self.settings.adam and self.generation:
+            self._adam.state[self.mu] = {
+                "step": torch.tensor(float(self.generation)),
+                "exp_avg": torch.from_numpy(state["adam_m"].copy()),
+                "exp_avg_sq": torch.from_numpy(state["adam_v"].copy()),
+            }
+        self._candidates = None

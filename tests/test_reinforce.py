@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+import torch
+
+from designrl.errors import InputError
+from designrl.reinforce import (
+    PAPER,
+    PUBLISHED,
+    Reinforce,
+    ReinforceSettings,
+    centred_ranks,
+    log_density,
+    log_density_gradients,
+    reinforce_gradients,
+)
+
+
+def random_gaussian(parameters=7, candidates=5, seed=0):
+    rng = np.random.default_rng(seed)
+    mu = torch.tensor(rng.normal(size=parameters), requires_grad=True)
+    sigma = torch.tensor(rng.uniform(0.1, 2.0, parameters), requires_grad=True)
+    w = torch.tensor(rng.normal(size=(candidates, parameters)))
+    return w, mu, sigma
+
+
+def test_closed_form_gradients_equal_autograd_of_the_log_density():
+    w, mu, sigma = random_gaussian()
+    by_mu, by_sigma = log_density_gradients(w, mu.detach(), sigma.detach())
+    for i in range(len(w)):
+        auto = torch.autograd.grad(log_density(w[i : i + 1], mu, sigma).sum(), (mu, sigma))
+        torch.testing.assert_close(by_mu[i], auto[0], rtol=1e-12, atol=1e-12)
+        torch.testing.assert_close(by_sigma[i], auto[1], rtol=1e-12, atol=1e-12)
+
+
+def test_population_gradient_equals_autograd_of_the_weighted_log_density():
+    w, mu, sigma = random_gaussian(candidates=50)
+    returns = torch.tensor(np.random.default_rng(1).normal(size=50))
+    expected = torch.autograd.grad((returns * log_density(w, mu, sigma)).mean(), (mu, sigma))
+    found = reinforce_gradients(returns, w, mu.detach(), sigma.detach())
+    torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_population_gradient_estimates_the_gradient_of_the_expected_return():
+    """E[-|w - c|²] = -Σ ((μ - c)² + σ²): its gradients are known without sampling."""
+    rng = np.random.default_rng(2)
+    mu, sigma = torch.tensor([0.5, -1.0]).double(), torch.tensor([0.3, 0.7]).double()
+    w = mu + sigma * torch.from_numpy(rng.standard_normal((400_000, 2)))
+    by_mu, by_sigma = reinforce_gradients(-((w - 0.2) ** 2).sum(dim=1), w, mu, sigma)
+    torch.testing.assert_close(by_mu, -2 * (mu - 0.2), rtol=0.05, atol=0.02)
+    torch.testing.assert_close(by_sigma, -2 * sigma, rtol=0.05, atol=0.02)
+
+
+def test_centred_ranks_are_evenly_spread_and_keep_the_order():
+    ranks = centred_ranks(torch.tensor([3.0, -1.0, 10.0, 2.0, 2.0]).double())
+    assert ranks.tolist() == [0.25, -0.5, 0.5, -0.25, 0.0]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+@pytest.mark.parametrize("preset", [PUBLISHED, PAPER], ids=["published", "paper"])
+def test_a_quadratic_is_solved(preset, noise):
+    rng = np.random.default_rng(3)
+    target = np.array([1.0, -0.5, 0.3])
+    if preset is PAPER:
+        settings = ReinforceSettings(**{**vars(PAPER), "learning_rate": 5e-3})
+    else:
+        settings = ReinforceSettings(weight_decay=0.0)
+    optimiser = Reinforce(3, population=64, settings=settings, seed=0)
+    start = np.linalg.norm(optimiser.mu.numpy() - target)
+    for _ in range(800):
+        candidates = optimiser.ask().numpy()
+        returns = -((candidates - target) ** 2).sum(axis=1)
+        optimiser.tell(returns + noise * 0.1 * rng.standard_normal(64))
+    assert np.linalg.norm(optimiser.mu.numpy() - target) < 0.1 * start
+
+
+def test_weight_decay_pulls_towards_zero_where_returns_say_nothing():
+    optimiser = Reinforce(2, population=32, settings=ReinforceSettings(weight_decay=10.0))
+    optimiser.mu += 3.0
+    for generation in range(200):
+        optimiser.tell(np.random.default_rng(generation).standard_normal(32))
+    assert abs(optimiser.mu).max() < 2.0
+
+
+def test_mirrored_candidates_lie_around_the_mean_in_pairs():
+    optimiser = Reinforce(4, population=6)
+    optimiser.mu += 2.0
+    plus, minus = optimiser.ask().chunk(2)
+    torch.testing.assert_close((plus + minus) / 2, optimiser.mu.expand(3, 4))
+
+
+def test_sigma_decays_to_its_floor_and_changes_by_a_fifth_at_most():
+    optimiser = Reinforce(5, population=8, seed=1)
+    before = optimiser.sigma.clone()
+    for generation in range(30):
+        optimiser.tell(np.random.default_rng(generation).standard_normal(8) * 1e6)
+        ratio = optimiser.sigma / before
+        assert ((ratio <= 1.2) & (ratio >= 0.8 * PUBLISHED.sigma_decay - 1e-12)).all()
+        before = optimiser.sigma.clone()
+
+
+@pytest.mark.parametrize("preset", [PUBLISHED, PAPER], ids=["published", "paper"])
+def test_a_restored_optimiser_goes_on_with_the_same_bits(preset):
+    def run(optimiser, generations):
+        for _ in range(generations):
+            optimiser.tell(-(optimiser.ask().numpy() ** 2).sum(axis=1) * 0.01)
+
+    straight = Reinforce(6, population=10, settings=preset, seed=4)
+    run(straight, 20)
+    first = Reinforce(6, population=10, settings=preset, seed=4)
+    run(first, 11)
+    second = Reinforce(6, population=10, settings=preset, seed=4)
+    second.restore(first.state())
+    run(second, 9)
+    for name, array in straight.state().items():
+        np.testing.assert_array_equal(array, second.state()[name], err_msg=name)
+
+
+def test_a_generation_is_a_function_of_seed_and_generation():
+    a, b, c = (Reinforce(3, population=4, seed=seed) for seed in (5, 5, 6))
+    assert torch.equal(a.ask(), b.ask())
+    assert torch.equal(a.ask(), a.ask())
+    assert not torch.equal(a.ask(), c.ask())
+    first = a.ask()
+    a.tell(np.zeros(4))
+    assert not torch.equal(first, a.ask())
+
+
+def test_wrong_input_is_refused():
+    with pytest.raises(InputError, match="even"):
+        Reinforce(3, population=5)
+    optimiser = Reinforce(3, population=4)
+    with pytest.raises(InputError, match="4 finite returns"):
+        optimiser.tell([1.0, 2.0, 3.0, float("nan")])
+    with pytest.raises(InputError, match="4 finite returns"):
+        optimiser.tell([1.0, 2.0])
+    with pytest.raises(InputError, match="sigma"):
+        optimiser.restore({**optimiser.state(), "sigma": np.ones(2)})
