@@ -41,13 +41,19 @@ def versions() -> dict[str, str]:
     return {"designrl": designrl.__version__, "sources": sources_hash(), **found}
 
 
+# What a score depends on; the rest (recordings, viewer, command line) may change without it.
+_SCORING_SOURCES = ("design.py", "experiments.py", "policy.py", "envs", "simulation")
+
+
 @cache
 def sources_hash() -> str:
-    """Hash of the package's own sources (16 hex digits): names the code without asking git."""
+    """Hash of the sources that a score depends on (16 hex digits): names the code without git."""
     root = Path(designrl.__file__).parent
+    files = [root / name for name in _SCORING_SOURCES]
+    files += [path for folder in files if folder.is_dir() for path in folder.rglob("*")]
     digest = hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        if path.suffix in (".py", ".cpp", ".h", ".hpp", ".proto"):
+    for path in sorted(files):
+        if path.suffix in (".py", ".cpp", ".h", ".hpp"):
             digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 

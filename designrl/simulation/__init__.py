@@ -20,8 +20,9 @@ from designrl.experiments import Experiment, Network, get_experiment
 from designrl.simulation.reference import EpisodeRules, run_episodes
 from designrl.workers import ProcessWorkers, run_here
 
-__all__ = ["EpisodeRules", "RolloutResult", "Simulator"]
+__all__ = ["EVALUATION", "EpisodeRules", "RolloutResult", "Simulator"]
 
+EVALUATION = EpisodeRules()
 BACKENDS = ("engine", "reference")
 
 
@@ -45,7 +46,6 @@ class Simulator:
         experiment: name or Experiment.
         backend: "engine" (walkers; falls back to the reference, with one sentence, where it cannot
             run; the ant has no engine) or "reference".
-        rules: which training-time changes of the reward apply; by default none.
         network: where it differs from the experiment's (the published original ant).
         lidar: "v2", the paper's, or "v3"; walkers only.
         workers: processes (reference) or threads (engine).
@@ -57,7 +57,6 @@ class Simulator:
         self,
         experiment: str | Experiment,
         backend: str = "engine",
-        rules: EpisodeRules | None = None,
         network: Network | None = None,
         lidar: str = "v2",
         workers: int = 1,
@@ -65,7 +64,6 @@ class Simulator:
         if backend not in BACKENDS:
             raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
         self.experiment = get_experiment(experiment)
-        self.rules = rules or EpisodeRules()
         self.network = network or self.experiment.network
         self.lidar = lidar
         self._engine = None
@@ -85,6 +83,7 @@ class Simulator:
         self,
         candidates: np.ndarray,
         seeds: np.ndarray,
+        rules: EpisodeRules = EVALUATION,
         progress: Callable[[int], None] | None = None,
     ) -> RolloutResult:
         """Run each candidate once with each of its seeds.
@@ -92,6 +91,7 @@ class Simulator:
         Args:
             candidates: (N, P) flat parameter vectors, float64.
             seeds: (N, R) seeds of the episodes, 0 <= seed < 2**63.
+            rules: training-time changes of the reward; by default none.
             progress: called with the number of episodes that have ended since its last call.
 
         Raises:
@@ -112,28 +112,26 @@ class Simulator:
                 f"got {seeds.shape}"
             )
         if self._engine:
-            return self._rollout_engine(candidates, seeds, progress)
-        return self._rollout_reference(candidates, seeds, progress)
+            return self._rollout_engine(candidates, seeds, rules, progress)
+        return self._rollout_reference(candidates, seeds, rules, progress)
 
-    def _rollout_engine(self, candidates, seeds, progress) -> RolloutResult:
+    def _rollout_engine(self, candidates, seeds, rules, progress) -> RolloutResult:
         split = self.network.num_parameters
         design = self.experiment.design
         size = self.experiment.body.size
         scales = design.scales(candidates[:, split:]) if design else np.ones((len(seeds), size))
-        factors = (
-            leg_area_reward_factor(scales) if self.rules.leg_area_reward else np.ones(len(seeds))
-        )
+        factors = leg_area_reward_factor(scales) if rules.leg_area_reward else np.ones(len(seeds))
         returns, steps = self._engine.rollout(
             candidates[:, :split],
             scales,
             factors,
             seeds,
-            training=self.rules.training,
+            training=rules.training,
             progress=progress,
         )
         return RolloutResult(returns, steps)
 
-    def _rollout_reference(self, candidates, seeds, progress) -> RolloutResult:
+    def _rollout_reference(self, candidates, seeds, rules, progress) -> RolloutResult:
         n, r = seeds.shape
         # Pieces small enough to keep all workers busy to the end, large enough to be worth sending.
         piece = max(1, min(r, n * r // (self._workers * 8)))
@@ -142,7 +140,7 @@ class Simulator:
             (
                 self.experiment.name,
                 self.network,
-                self.rules,
+                rules,
                 self.lidar,
                 candidates[i],
                 seeds[i, j : j + piece],

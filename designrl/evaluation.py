@@ -1,0 +1,95 @@
+"""Scores of an agent: a number of episodes without any training-time change of the reward."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from designrl.errors import InputError
+from designrl.policy import Agent
+from designrl.simulation import Simulator
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What an agent scored.
+
+    Attributes:
+        experiment: name.
+        seed: of the whole evaluation; `episode_seeds(seed, episodes)` are those of the episodes.
+        scores: (E,) float64 returns.
+        steps: (E,) int64 lengths.
+        design: (D,) scales of the body, or None where it is the original.
+        seconds: wall time.
+    """
+
+    experiment: str
+    seed: int
+    scores: np.ndarray
+    steps: np.ndarray
+    design: np.ndarray | None
+    seconds: float
+
+    def summary(self) -> dict:
+        """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
+        return {
+            "experiment": self.experiment,
+            "episodes": len(self.scores),
+            "seed": self.seed,
+            "mean": float(self.scores.mean()),
+            "std": float(self.scores.std()),
+            "min": float(self.scores.min()),
+            "max": float(self.scores.max()),
+            "scores": self.scores.tolist(),
+            "steps": int(self.steps.sum()),
+            "design": None if self.design is None else self.design.tolist(),
+            "seconds": self.seconds,
+        }
+
+
+def episode_seeds(seed: int, count: int) -> np.ndarray:
+    """(count,) int64 seeds of an evaluation's episodes; fewer episodes are the first of more."""
+    return np.random.SeedSequence(seed).generate_state(count).astype(np.int64)
+
+
+def evaluate(
+    agent: Agent,
+    episodes: int = 100,
+    seed: int = 0,
+    workers: int = 1,
+    backend: str = "reference",
+    lidar: str = "v2",
+    progress: Callable[[int], None] | None = None,
+) -> Evaluation:
+    """Score an agent over `episodes` episodes; the paper's scores are over 100.
+
+    Args:
+        agent: from `designrl.load`.
+        episodes: at least 1.
+        seed: the same seed gives the same scores, for any number of workers.
+        workers: processes. More than one needs the usual `if __name__ == "__main__":`.
+        backend, lidar: as in `Simulator`.
+        progress: called with the number of episodes that have ended since its last call.
+
+    Raises:
+        InputError: episodes, seed, workers or backend out of range.
+    """
+    if episodes < 1 or seed < 0:
+        raise InputError(
+            f"an evaluation needs at least 1 episode and a seed of at least 0, got {episodes} "
+            f"and {seed}"
+        )
+    start = time.perf_counter()
+    with Simulator(agent.experiment, backend, agent.network, lidar, workers) as simulator:
+        result = simulator.rollout(
+            agent.parameters[None], episode_seeds(seed, episodes)[None], progress=progress
+        )
+    return Evaluation(
+        agent.experiment.name,
+        seed,
+        result.returns[0],
+        result.steps[0],
+        agent.design,
+        time.perf_counter() - start,
+    )
