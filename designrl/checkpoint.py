@@ -201,3 +201,45 @@ def load_published(path: str | Path, experiment: Experiment) -> Agent:
         return Agent(experiment, parameters, network, metadata)
     except InputError as error:
         raise InputError(f"{path} cannot be used as {experiment.name}: {error}") from None
+
+
+def describe(path: str | Path) -> str:
+    """What a checkpoint or training state holds and where it came from, in lines of text.
+
+    Raises:
+        InputError: as `load`.
+    """
+    agent = load(path)
+    m = agent.metadata
+    lines = [
+        f"{path}: checkpoint of {agent.experiment.name} "
+        f"({agent.experiment.letter}, {agent.experiment.title})",
+        f"sha256       {file_hash(path)}",
+        f"network      {'-'.join(map(str, agent.network.sizes))}, {agent.network.output} output"
+        + (", output noise" if agent.network.noise else ""),
+        f"parameters   {len(agent.parameters)}",
+    ]
+    lines += [
+        f"{label:12} {m[key]}"
+        for label, key in (
+            ("source", "source"),
+            ("seed", "seed"),
+            ("generation", "generation"),
+            ("score", "score"),
+            ("episodes", "score_episodes"),
+            ("steps", "environment_steps"),
+        )
+        if key in m
+    ]
+    for label in ("settings", "versions"):
+        if isinstance(m.get(label), dict):
+            values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)
+            lines.append(f"{label:12} {values}")
+    if agent.design is not None:
+        body = agent.experiment.body
+        lines.append(f"design       in % of the original, and in {body.unit}")
+        for name, scale, size in zip(
+            body.names, agent.design, body.dimensions(agent.design), strict=True
+        ):
+            lines.append(f"  {name:28} {100 * scale:6.1f} %  {size:8.3f}")
+    return "\n".join(lines)

@@ -9,52 +9,15 @@ Two presets of one class: `PAPER` is what the paper writes (equations 3 to 5), `
 published code does. The mathematics is in free functions on tensors; the class keeps the state.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 
 from designrl.errors import InputError
+from designrl.settings import PAPER, PUBLISHED, ReinforceSettings
+
+__all__ = ["PAPER", "PUBLISHED", "Reinforce", "ReinforceSettings"]
 
 _NOISE_STREAM = 0  # spawn key of the samples; training's episode seeds have another
-
-
-@dataclass(frozen=True)
-class ReinforceSettings:
-    """What distinguishes the forms of the algorithm; each field's default is the published form."""
-
-    mirrored: bool = True
-    """Sample in pairs μ + ε, μ - ε; otherwise independently."""
-    ranks: bool = True
-    """Replace returns by centred ranks in [-0.5, 0.5]."""
-    weight_decay: float = 0.005
-    """Subtracted from a candidate's fitness: weight_decay · mean(w²)."""
-    adam: bool = True
-    """Step μ with Adam (β 0.99, 0.999; ε 1e-8) on the pair-difference gradient; otherwise plain
-    gradient ascent on μ and σ (equation 4)."""
-    learning_rate: float = 0.01
-    """α of equation 4, or Adam's step size."""
-    sigma_start: float = 0.1
-    """σ of every parameter at the start."""
-    sigma_learning_rate: float = 0.2
-    """Step size of σ in the published rule; the plain form uses learning_rate for both."""
-    sigma_change_max: float = 0.2
-    """Largest relative change of a σ by one update of the published rule."""
-    sigma_decay: float = 0.9995
-    """Factor on every σ above sigma_floor after each update."""
-    sigma_floor: float = 0.02
-    """σ below this does not decay; the plain form never goes below it."""
-
-
-PUBLISHED = ReinforceSettings()
-PAPER = ReinforceSettings(
-    mirrored=False,
-    ranks=False,
-    weight_decay=0.0,
-    adam=False,
-    learning_rate=1e-4,  # the paper names α but gives no value
-    sigma_decay=1.0,
-)
 
 
 def log_density(w: torch.Tensor, mu: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:

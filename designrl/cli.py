@@ -1,0 +1,234 @@
+"""The `designrl` command."""
+
+import argparse
+import dataclasses
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.settings import TrainSettings, parse_rollouts
+
+EXIT_INPUT = 2
+EXIT_INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def _experiments(_args) -> None:
+    columns = "{:38} {:5} {:12} {:>6} {:>11} {:>10} {:>8}"
+    print(
+        columns.format(
+            "experiment", "paper", "network", "design", "generations", "population", "rollouts"
+        )
+    )
+    for e in EXPERIMENTS.values():
+        print(
+            columns.format(
+                e.name,
+                f"({e.letter})",
+                "-".join(map(str, e.network.sizes)),
+                e.design.size if e.design else 0,
+                e.generations,
+                e.population,
+                e.rollouts,
+            )
+        )
+
+
+def _train(args) -> None:
+    from designrl.train import TrainingRun
+
+    experiment = get_experiment(args.experiment)
+    names = [f.name for f in dataclasses.fields(TrainSettings)]
+    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    if "rollouts" in given:
+        given["rollouts"] = parse_rollouts(given["rollouts"])
+    settings = TrainSettings(**given)
+    out = Path(args.out or f"runs/{experiment.name}/seed{settings.seed}")
+    run = TrainingRun(settings, out, args.workers, args.backend, args.resume)
+    if run.finished:
+        print(f"{out} has all its {settings.generations} generations; raise --generations for more")
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a polite kill saves, too
+    try:
+        run.run()
+    except KeyboardInterrupt:
+        words = [word for word in sys.argv[1:] if word != "--resume"]
+        print(
+            f"\nstopped at generation {run.optimiser.generation}, saved in {out}; go on with:\n"
+            f"  designrl {' '.join(words)} --resume",
+            file=sys.stderr,
+        )
+        sys.exit(EXIT_INTERRUPTED)
+    p = run.progress
+    print(
+        f"{out}/best.safetensors: {p.best_score:.1f} at generation {p.best_generation}, "
+        f"{p.total_steps:,} environment steps, {p.cpu_seconds / 3600:.2f} core-hours"
+    )
+
+
+def _evaluate(args) -> None:
+    from tqdm import tqdm
+
+    from designrl.checkpoint import load
+    from designrl.evaluation import evaluate
+
+    agent = load(args.file, args.experiment)
+    with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
+        result = evaluate(
+            agent,
+            args.episodes,
+            args.seed,
+            args.workers,
+            args.backend,
+            args.lidar,
+            progress=bar.update,
+        )
+    summary = result.summary()
+    if args.json:
+        print(json.dumps(summary))
+        return
+    print(
+        f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
+        f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
+        f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"
+    )
+
+
+def _import(args) -> None:
+    from designrl.checkpoint import load_published, save
+
+    if Path(args.output).exists():
+        raise InputError(f"{args.output} exists already; remove it or choose another name")
+    save(load_published(args.file, get_experiment(args.experiment)), args.output)
+    print(f"{args.output} written")
+
+
+def _record(args) -> None:
+    from designrl.checkpoint import load
+    from designrl.recording import record_rollout
+
+    if Path(args.output).exists():
+        raise InputError(f"{args.output} exists already; remove it or choose another name")
+    score = record_rollout(load(args.file, args.experiment), args.output, args.seed)
+    print(f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}")
+
+
+def _replay(args) -> None:
+    from designrl.viewer import replay
+
+    replay(args.files, save=args.save, screenshot=args.headless_screenshot)
+
+
+def _info(args) -> None:
+    if Path(args.file).suffix == ".mcap":
+        from designrl.recording import describe
+
+        print(describe(args.file))
+        return
+    from designrl.checkpoint import describe
+
+    print(describe(args.file))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="designrl",
+        description="Reinforcement Learning for Improving Agent Design (Ha 2018): train, evaluate, "
+        "record and replay agents that learn their body together with their policy.",
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, function, help: str) -> argparse.ArgumentParser:  # noqa: A002
+        sub = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
+        sub.set_defaults(function=function)
+        return sub
+
+    def workers(sub) -> None:
+        sub.add_argument(
+            "--workers",
+            type=int,
+            default=available_cores(),
+            help="processes or threads (default: %(default)s); they do not change the result",
+        )
+
+    command("experiments", _experiments, "list the eight experiments with the paper's settings")
+
+    train = command("train", _train, "train an experiment, by default with the paper's settings")
+    train.add_argument("experiment", metavar="EXPERIMENT")
+    for setting in dataclasses.fields(TrainSettings):
+        if setting.name == "experiment":
+            continue
+        kind = str if setting.name == "rollouts" else setting.metadata.get("type", int)
+        default = "" if setting.default is None else f" (default: {_shown(setting.default)})"
+        train.add_argument(
+            "--" + setting.name.replace("_", "-"),
+            type=kind,
+            metavar="X",
+            help=setting.metadata["help"] + default,
+        )
+    workers(train)
+    train.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
+    train.add_argument("--out", help="the run's folder (default: runs/EXPERIMENT/seedSEED)")
+    train.add_argument(
+        "--resume", action="store_true", help="go on with the run that the folder holds, if any"
+    )
+
+    def agent_file(sub) -> None:
+        sub.add_argument("file", metavar="FILE", help="a checkpoint, or a 2018 .json")
+        sub.add_argument("--experiment", help="what a 2018 .json was trained for")
+        sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
+
+    evaluate = command("evaluate", _evaluate, "score an agent without training-time rewards")
+    agent_file(evaluate)
+    evaluate.add_argument("--episodes", type=int, default=100, help="default: 100, as the paper")
+    evaluate.add_argument("--json", action="store_true", help="print one JSON object")
+    evaluate.add_argument("--lidar", default="v2", help='"v2" (default, the paper\'s) or "v3"')
+    evaluate.add_argument(
+        "--backend", default="reference", help='"reference" (default) or "engine"'
+    )
+    workers(evaluate)
+
+    convert = command("import", _import, "convert a 2018 .json of published weights")
+    convert.add_argument("file", metavar="FILE.json")
+    convert.add_argument("--experiment", required=True, help="what it was trained for")
+    convert.add_argument("-o", "--output", required=True, metavar="FILE.safetensors")
+
+    record = command("record", _record, "roll out once and record it for Rerun")
+    agent_file(record)
+    record.add_argument("-o", "--output", required=True, metavar="FILE.mcap")
+
+    replay = command("replay", _replay, "open recordings in Rerun")
+    replay.add_argument("files", nargs="+", metavar="FILE.mcap", help="recordings or run folders")
+    replay.add_argument("--save", metavar="FILE.rrd", help="write a Rerun file, open nothing")
+    replay.add_argument("--headless-screenshot", metavar="FILE.png", help="write a picture")
+
+    info = command("info", _info, "tell what a checkpoint or recording holds")
+    info.add_argument("file", metavar="FILE")
+    return parser
+
+
+def _shown(default) -> str:
+    return str(default[0][1]) if isinstance(default, tuple) else str(default)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run a command; wrong input ends with one sentence and exit code 2."""
+    args = _parser().parse_args(argv)
+    try:
+        args.function(args)
+    except InputError as error:
+        print(f"designrl: {error}", file=sys.stderr)
+        sys.exit(EXIT_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        sys.stderr.close()  # `designrl ... | head`: the reader has left
+        sys.exit(0)

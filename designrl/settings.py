@@ -1,0 +1,140 @@
+"""All that decides a training run's result, as data."""
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+
+from designrl.errors import InputError
+from designrl.experiments import get_experiment
+
+
+@dataclass(frozen=True)
+class ReinforceSettings:
+    """What distinguishes the forms of the algorithm; each field's default is the published form."""
+
+    mirrored: bool = True
+    """Sample in pairs μ + ε, μ - ε; otherwise independently."""
+    ranks: bool = True
+    """Replace returns by centred ranks in [-0.5, 0.5]."""
+    weight_decay: float = 0.005
+    """Subtracted from a candidate's fitness: weight_decay · mean(w²)."""
+    adam: bool = True
+    """Step μ with Adam (β 0.99, 0.999; ε 1e-8) on the pair-difference gradient; otherwise plain
+    gradient ascent on μ and σ (equation 4)."""
+    learning_rate: float = 0.01
+    """α of equation 4, or Adam's step size."""
+    sigma_start: float = 0.1
+    """σ of every parameter at the start."""
+    sigma_learning_rate: float = 0.2
+    """Step size of σ in the published rule; the plain form uses learning_rate for both."""
+    sigma_change_max: float = 0.2
+    """Largest relative change of a σ by one update of the published rule."""
+    sigma_decay: float = 0.9995
+    """Factor on every σ above sigma_floor after each update."""
+    sigma_floor: float = 0.02
+    """σ below this does not decay; the plain form never goes below it."""
+
+
+PUBLISHED = ReinforceSettings()
+PAPER = ReinforceSettings(
+    mirrored=False,
+    ranks=False,
+    weight_decay=0.0,
+    adam=False,
+    learning_rate=1e-4,  # the paper names α but gives no value
+    sigma_decay=1.0,
+)
+PRESETS = {"published": PUBLISHED, "paper": PAPER}
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """All that decides a run's result; the defaults are the paper's (section 4)."""
+
+    experiment: str
+    seed: int = field(default=0, metadata={"help": "of everything random"})
+    generations: int | None = field(
+        default=None, metadata={"help": "updates of the distribution (default: the paper's)"}
+    )
+    population: int = field(default=192, metadata={"help": "candidates per generation"})
+    rollouts: tuple[tuple[int, int], ...] = field(
+        default=((0, 16),),
+        metadata={
+            "help": "episodes per candidate; or, to raise it on the way, FIRST,GENERATION:NEXT,..."
+        },
+    )
+    preset: str = field(
+        default="published",
+        metadata={
+            "type": str,
+            "help": "form of REINFORCE: the published code's, or the paper's plain one ('paper')",
+        },
+    )
+    sigma_start: float | None = field(
+        default=None, metadata={"type": float, "help": "σ at the start (default: the preset's)"}
+    )
+    sigma_decay: float | None = field(
+        default=None,
+        metadata={"type": float, "help": "factor on σ per update (default: the preset's)"},
+    )
+    learning_rate: float | None = field(
+        default=None, metadata={"type": float, "help": "step size of μ (default: the preset's)"}
+    )
+    evaluate_every: int = field(
+        default=25, metadata={"help": "generations between evaluations of the best candidate"}
+    )
+    evaluation_episodes: int | None = field(
+        default=None,
+        metadata={"help": "episodes of an evaluation (default: population times rollouts)"},
+    )
+
+    def __post_init__(self):
+        experiment = get_experiment(self.experiment)
+        if self.generations is None:
+            object.__setattr__(self, "generations", experiment.generations)
+        if self.preset not in PRESETS:
+            raise InputError(f"preset is {self.preset!r}; it must be one of {', '.join(PRESETS)}")
+        starts = [start for start, _ in self.rollouts]
+        if not starts or starts[0] != 0 or starts != sorted(set(starts)):
+            raise InputError("the rollouts' schedule must start at generation 0 and go up")
+        for name, value in (
+            ("generations", self.generations),
+            ("rollouts", min(count for _, count in self.rollouts)),
+            ("evaluate-every", self.evaluate_every),
+            ("evaluation-episodes", self.evaluation_episodes),
+        ):
+            if value is not None and value < 1:
+                raise InputError(f"{name} is {value}; it must be at least 1")
+        if self.seed < 0:
+            raise InputError(f"the seed is {self.seed}; it must be at least 0")
+
+    @property
+    def reinforce(self) -> ReinforceSettings:
+        """The preset with this run's changes."""
+        names = ("sigma_start", "sigma_decay", "learning_rate")
+        changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return dataclasses.replace(PRESETS[self.preset], **changes)
+
+    def rollouts_at(self, generation: int) -> int:
+        """Episodes per candidate in a generation, counted from 0."""
+        return [count for start, count in self.rollouts if start <= generation][-1]
+
+    def as_dict(self) -> dict:
+        """JSON-ready, the same after a round trip."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+
+def parse_rollouts(text: str) -> tuple[tuple[int, int], ...]:
+    """ "16" -> ((0, 16),); "1,600:4" -> ((0, 1), (600, 4)).
+
+    Raises:
+        InputError: not of that form.
+    """
+    try:
+        first, *later = text.split(",")
+        pairs = [tuple(map(int, item.split(":"))) for item in later]
+        return ((0, int(first)), *((start, count) for start, count in pairs))
+    except ValueError:
+        raise InputError(
+            f"rollouts is {text!r}; write a number, or FIRST,GENERATION:NEXT as in 1,600:4"
+        ) from None

@@ -1,0 +1,313 @@
+"""The training loop: ask, simulate, tell, record, evaluate, checkpoint; resumable.
+
+A run's folder holds `best.safetensors` (the agent to evaluate), `state.safetensors` (all that a
+resume needs), `generations.mcap` and `rollouts/*.mcap` (see `designrl.recording`). Everything
+random is a function of the seed and the generation, so a run that was interrupted, or executed
+elsewhere, ends with the same bytes in `best.safetensors`.
+"""
+
+import dataclasses
+import fcntl
+import json
+import os
+import platform
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from designrl import checkpoint
+from designrl.errors import InputError
+from designrl.experiments import Experiment, get_experiment
+from designrl.policy import Agent
+from designrl.recording import RunWriter, record_rollout
+from designrl.reinforce import Reinforce
+from designrl.settings import TrainSettings
+from designrl.simulation import EpisodeRules, Simulator
+
+STATE_FORMAT = "designrl training state 1"
+SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
+CANDIDATE_DECIMALS = 4  # the published code sends candidates to its workers in fixed point
+
+# Spawn keys of the run's SeedSequence; `designrl.reinforce` has (generation, 0) for the samples.
+_EPISODE_STREAM = 1
+_EVALUATION_KEY = (2**31,)
+
+
+@dataclass
+class _Progress:
+    """What a run has reached; with the optimiser's state, all that a resume needs."""
+
+    best_score: float | None = None
+    best_generation: int | None = None
+    total_steps: int = 0  # environment steps, evaluations included
+    seconds: float = 0.0  # wall time
+    cpu_seconds: float = 0.0  # seconds times the workers that were used
+
+
+class TrainingRun:
+    """One run in one folder; `run()` goes on from wherever the folder is.
+
+    Args:
+        settings: what decides the result.
+        out: the run's folder.
+        workers: processes or threads; they do not change the result.
+        backend: "engine" or "reference".
+        resume: go on with the run that the folder holds.
+
+    Raises:
+        InputError: the folder holds a run and `resume` is not set; or holds another run, or one
+            with other settings (only `generations` may differ), or is in use.
+    """
+
+    def __init__(
+        self,
+        settings: TrainSettings,
+        out: str | Path,
+        workers: int = 1,
+        backend: str = "engine",
+        resume: bool = False,
+    ):
+        self.settings = settings
+        self.experiment: Experiment = get_experiment(settings.experiment)
+        self.out = Path(out)
+        self.workers = workers
+        self.backend = backend
+        self.optimiser = Reinforce(
+            self.experiment.num_parameters,
+            settings.population,
+            settings.reinforce,
+            settings.seed,
+        )
+        self.progress = _Progress()
+        self._state_path = self.out / "state.safetensors"
+        if resume and self._state_path.exists():
+            self._load_state()
+        elif self._state_path.exists() or (self.out / "best.safetensors").exists():
+            raise InputError(
+                f"{self.out} holds another run; add --resume to go on with it, or choose another "
+                "folder with --out"
+            )
+        self._take_snapshot()
+
+    @property
+    def finished(self) -> bool:
+        """All generations are done."""
+        return self.optimiser.generation >= self.settings.generations
+
+    def run(self) -> None:
+        """Train to the last generation.
+
+        Raises:
+            KeyboardInterrupt: after saving the state, at the last whole generation.
+            InputError: something could not be written; the last saved state is intact.
+        """
+        # Sums over candidates must not depend on the machine's number of cores.
+        torch.set_num_threads(1)
+        generation = self.optimiser.generation
+        with (
+            self._locked_folder(),
+            Simulator(self.experiment, self.backend, workers=self.workers) as simulator,
+            RunWriter(
+                self.out / "generations.mcap",
+                self._metadata(),
+                resume_generation=generation if generation else None,
+            ) as recorder,
+            tqdm(
+                total=self.settings.generations,
+                initial=generation,
+                unit="gen",
+                dynamic_ncols=True,
+                mininterval=0.1 if sys.stderr.isatty() else 30.0,
+                smoothing=0.05,
+            ) as bar,
+        ):
+            saved_at = time.perf_counter()
+            try:
+                while not self.finished:
+                    self._generation(simulator, recorder, bar)
+                    self._take_snapshot()
+                    if time.perf_counter() - saved_at > SAVE_SECONDS or self.finished:
+                        recorder.flush()
+                        self._save_state()
+                        saved_at = time.perf_counter()
+            except KeyboardInterrupt:
+                recorder.flush()
+                self._save_state()
+                raise
+
+    def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> None:
+        start = time.perf_counter()
+        settings, optimiser = self.settings, self.optimiser
+        index = optimiser.generation
+        mu, sigma = optimiser.mu.numpy().copy(), optimiser.sigma.numpy().copy()
+        candidates = optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
+        seeds = self._episode_seeds(index)
+        done = 0
+
+        def show(count: int) -> None:
+            nonlocal done
+            done += count
+            bar.set_postfix_str(f"{self._status} {done}/{seeds.size} episodes", refresh=False)
+            bar.update(0)
+
+        result = simulator.rollout(candidates, seeds, self._rules(training=True), show)
+        returns = result.returns.mean(axis=1)
+        optimiser.tell(returns)
+        steps = int(result.steps.sum())
+        self._account(start, steps)
+        seconds = time.perf_counter() - start
+        recorder.generation(
+            index=index,
+            mu=mu,
+            sigma=sigma,
+            returns=result.returns,
+            steps=result.steps,
+            seeds=seeds,
+            seconds=self.progress.seconds,
+            total_steps=self.progress.total_steps,
+        )
+        if optimiser.generation % settings.evaluate_every == 0 or self.finished:
+            self._evaluate(simulator, recorder, candidates[np.argmax(returns)])
+        best = "-" if self.progress.best_score is None else f"{self.progress.best_score:.1f}"
+        self._status = (
+            f"mean {returns.mean():.1f} max {returns.max():.1f} best {best} "
+            f"{steps / seconds:,.0f} steps/s"
+        )
+        bar.set_postfix_str(self._status, refresh=False)
+        bar.update()
+
+    _status = ""
+
+    def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
+        """Score the batch's best candidate and keep it if it is the best so far."""
+        start = time.perf_counter()
+        settings, progress = self.settings, self.progress
+        generation = self.optimiser.generation
+        episodes = settings.evaluation_episodes or (
+            settings.population * settings.rollouts_at(generation - 1)
+        )
+        sequence = np.random.SeedSequence(settings.seed, spawn_key=_EVALUATION_KEY)
+        seeds = sequence.generate_state(episodes).astype(np.int64)[None]
+        result = simulator.rollout(parameters[None], seeds, self._rules(training=False))
+        score = float(result.returns.mean())
+        kept = progress.best_score is None or score > progress.best_score
+        self._account(start, int(result.steps.sum()))
+        agent = Agent(
+            self.experiment,
+            parameters,
+            metadata={
+                "seed": settings.seed,
+                "settings": settings.as_dict(),
+                "generation": generation,
+                "score": score,
+                "score_std": float(result.returns.std()),
+                "score_episodes": episodes,
+                "environment_steps": progress.total_steps,
+                "versions": checkpoint.versions(),
+            },
+        )
+        recorder.evaluation(
+            index=generation - 1,
+            scores=result.returns[0],
+            steps=result.steps[0],
+            seeds=seeds[0],
+            kept=kept,
+        )
+        record_rollout(agent, self.out / "rollouts" / f"generation{generation:05d}.mcap", 0)
+        if kept:
+            progress.best_score, progress.best_generation = score, generation
+            checkpoint.save(agent, self.out / "best.safetensors")
+
+    def _rules(self, training: bool) -> EpisodeRules:
+        # The published runs evaluate, and choose what they keep, with the small-leg factor.
+        return EpisodeRules(training, leg_area_reward=self.experiment.leg_area_reward)
+
+    def _episode_seeds(self, generation: int) -> np.ndarray:
+        """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
+        n, r = self.settings.population, self.settings.rollouts_at(generation)
+        mirrored = self.settings.reinforce.mirrored
+        rows = n // 2 if mirrored else n
+        sequence = np.random.SeedSequence(
+            self.settings.seed, spawn_key=(generation, _EPISODE_STREAM)
+        )
+        seeds = sequence.generate_state(rows * r).astype(np.int64).reshape(rows, r)
+        return np.concatenate([seeds, seeds]) if mirrored else seeds
+
+    def _account(self, start: float, steps: int) -> None:
+        seconds = time.perf_counter() - start
+        self.progress.total_steps += steps
+        self.progress.seconds += seconds
+        self.progress.cpu_seconds += seconds * self.workers
+
+    def _metadata(self) -> dict[str, str]:
+        """What a recording says of its run."""
+        return {
+            "experiment": self.experiment.name,
+            "seed": str(self.settings.seed),
+            "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
+            "versions": json.dumps(checkpoint.versions(), sort_keys=True),
+            "host": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+            "python": platform.python_version(),
+            "command": " ".join(["designrl", *sys.argv[1:]]),
+            "workers": str(self.workers),
+        }
+
+    def _take_snapshot(self) -> None:
+        # Of whole generations only: an interrupt can come in the middle of an update.
+        metadata = {
+            "experiment": self.experiment.name,
+            "settings": self.settings.as_dict(),
+            "progress": dataclasses.asdict(self.progress),
+            "versions": checkpoint.versions(),
+        }
+        self._snapshot = self.optimiser.state(), metadata
+
+    def _save_state(self) -> None:
+        tensors, metadata = self._snapshot
+        checkpoint.write_tensors(self._state_path, tensors, metadata, STATE_FORMAT)
+
+    def _load_state(self) -> None:
+        tensors, metadata = checkpoint.read_tensors(self._state_path, STATE_FORMAT)
+        try:
+            found = {**metadata["settings"], "generations": self.settings.generations}
+            progress = _Progress(**metadata["progress"])
+        except (KeyError, TypeError):
+            raise InputError(
+                f"{self._state_path} is damaged; start again in another folder"
+            ) from None
+        wanted = self.settings.as_dict()
+        different = [name for name in wanted if wanted[name] != found.get(name)]
+        if different:
+            name = different[0]
+            raise InputError(
+                f"{self.out} holds a run with {name} = {found.get(name)!r}, not {wanted[name]!r}; "
+                "resume with the same settings, or choose another folder with --out"
+            )
+        try:
+            self.optimiser.restore(tensors)
+        except InputError as error:
+            raise InputError(f"{self._state_path} cannot be used: {error}") from None
+        self.progress = progress
+
+    @contextmanager
+    def _locked_folder(self):
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+            lock = (self.out / ".lock").open("w")
+        except OSError as error:
+            raise InputError(
+                f"{self.out} cannot be used as the run's folder ({error.strerror}); choose another "
+                "with --out"
+            ) from None
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise InputError(f"{self.out} is in use by another run; wait for it") from None
+            yield
