@@ -1,0 +1,26 @@
+"""Recordings of training runs and rollouts, as MCAP files that Rerun and Foxglove play.
+
+    with RunWriter(path, {"experiment": "biped-morphology"}) as writer:
+        writer.generation(0, mu, sigma, returns, steps, seeds, seconds, total_steps)
+    record_rollout(agent, "rollout.mcap", seed=0)
+
+    recording = read(path)
+    recording.array("/summary", "mean")    # (G,) float64
+
+What the messages hold, with units, is in `schema.proto` beside this file.
+"""
+
+from designrl.recording.mcap_file import RecordingError
+from designrl.recording.reader import Recording, describe, read
+from designrl.recording.writer import RolloutWriter, RunWriter, record_rollout, thin
+
+__all__ = [
+    "Recording",
+    "RecordingError",
+    "RolloutWriter",
+    "RunWriter",
+    "describe",
+    "read",
+    "record_rollout",
+    "thin",
+]

@@ -1,0 +1,226 @@
+"""Recordings as NumPy arrays, topic by topic; also those that were cut off."""
+
+import json
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.message import DecodeError
+
+from designrl.recording import schema_pb2 as schema
+from designrl.recording.mcap_file import Message, RecordingError, messages, scan
+from designrl.recording.writer import END, ROLLOUT, RUN
+
+# Only messages that we know are decoded: definitions in a stranger's file are not followed.
+_CLASSES = {
+    kind.DESCRIPTOR.full_name: kind
+    for kind in (
+        FrameTransforms,
+        PointCloud,
+        *(getattr(schema, name) for name in schema.DESCRIPTOR.message_types_by_name),
+    )
+}
+_DTYPES = {
+    FieldDescriptor.TYPE_DOUBLE: np.float64,
+    FieldDescriptor.TYPE_FLOAT: np.float32,
+    FieldDescriptor.TYPE_UINT32: np.uint32,
+    FieldDescriptor.TYPE_UINT64: np.uint64,
+    FieldDescriptor.TYPE_BOOL: np.bool_,
+}
+_NONE = np.empty(0, dtype=np.uint32)
+
+
+class Recording:
+    """A recording; use `read` to open one. Messages are decoded when they are asked for.
+
+    Attributes:
+        path: the file.
+        problem: why the file ends early, in words; None for a whole file.
+    """
+
+    def __init__(self, path: str | Path):
+        self._scan = scan(path)
+        self.path = Path(path)
+        self.problem = self._scan.problem
+        self._channels = {channel.topic: channel for channel in self._scan.channels.values()}
+
+    @property
+    def kind(self) -> str:
+        """ "run", "rollout", or "unknown" for files that are not ours."""
+        if "/summary" in self._channels or RUN in dict(self._scan.metadata):
+            return RUN
+        return ROLLOUT if "/tf" in self._channels else "unknown"
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the file says of its run or rollout."""
+        for name, values in self._scan.metadata:
+            if name == self.kind:
+                return values
+        return {}
+
+    @property
+    def metadata_records(self) -> list[tuple[str, dict[str, str]]]:
+        """All metadata in the file's order: also of each resume, of thinning, of the end."""
+        return self._scan.metadata
+
+    @property
+    def complete(self) -> bool:
+        """The file is whole and was ended on purpose."""
+        return self.problem is None and any(name == END for name, _ in self._scan.metadata)
+
+    @property
+    def topics(self) -> dict[str, int]:
+        """Topic -> number of messages."""
+        return {
+            topic: self._scan.counts.get(channel.id, 0)
+            for topic, channel in sorted(self._channels.items())
+        }
+
+    @property
+    def seconds(self) -> float:
+        """s between the first and the last message."""
+        first, last = self._scan.times or (0, 0)
+        return (last - first) / 1e9
+
+    def names(self, topic: str) -> list[str]:
+        """Names of the elements of the topic's arrays; empty where they have none."""
+        return json.loads(self._channel(topic).metadata.get("names", "[]"))
+
+    def unit(self, topic: str) -> str:
+        """Unit of the topic's dimensions, where it depends on the body."""
+        return self._channel(topic).metadata.get("unit", "")
+
+    def raw(self, topic: str) -> Iterator[Message]:
+        """The topic's messages as they are in the file."""
+        return messages(self._scan, {self._channel(topic).id})
+
+    def messages(self, topic: str) -> Iterator:
+        """The topic's messages, decoded (protobuf objects; text for /robot_description).
+
+        Raises:
+            RecordingError: no such topic, or messages that are not of this package's kinds.
+        """
+        name = self._scan.schemas[self._channel(topic).schema_id].name
+        kind = _CLASSES.get(name)
+        if kind is None and name != "std_msgs/msg/String":
+            raise RecordingError(f"{topic} in {self.path} has messages of unknown type {name}")
+        for message in self.raw(topic):
+            try:
+                yield kind.FromString(message.data) if kind else message.data[8:-1].decode()
+            except (DecodeError, UnicodeDecodeError):
+                raise RecordingError(
+                    f"a message on {topic} in {self.path} is damaged; get the file again"
+                ) from None
+
+    def array(self, topic: str, field: str) -> np.ndarray:
+        """One field of all messages of a topic.
+
+        Args:
+            topic: one of `topics`.
+            field: of its message, see `schema.proto`; "log_time" is the messages' times in ns.
+
+        Returns: (M,) for a field with one number, (M, K) for an array, (M, N, R) for the fields of
+            /returns, in the field's own type. Where the length changes from message to message:
+            (M,) of dtype object, an array each.
+
+        Raises:
+            RecordingError: no such topic or field.
+        """
+        channel = self._channel(topic)
+        if field == "log_time":
+            return np.array([m.log_time for m in self.raw(topic)], dtype=np.int64)
+        kind = _CLASSES.get(self._scan.schemas[channel.schema_id].name)
+        found = kind.DESCRIPTOR.fields_by_name.get(field) if kind else None
+        if found is None or found.type not in _DTYPES:
+            raise RecordingError(f"{topic} in {self.path} has no field {field!r} of numbers")
+        rows = []
+        for message in self.messages(topic):
+            row = np.array(getattr(message, field), dtype=_DTYPES[found.type])
+            rows.append(
+                row.reshape(-1, message.rollouts) if kind is schema.Returns and row.ndim else row
+            )
+        if len({row.shape for row in rows}) > 1:
+            ragged = np.empty(len(rows), dtype=object)
+            ragged[:] = rows
+            return ragged
+        return np.array(rows, dtype=_DTYPES[found.type])
+
+    @cached_property
+    def generations(self) -> np.ndarray:
+        """(G,) indices of a run's generations."""
+        return self.array("/summary", "generation") if "/summary" in self._channels else _NONE
+
+    def transforms(self) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
+        """Part -> the part it hangs on, (T, 3) positions in m and (T, 4) quaternions x, y, z, w.
+
+        Both as seen from the part it hangs on; all have the times of /tf.
+        """
+        parents, values = {}, {}
+        for message in self.messages("/tf"):
+            for t in message.transforms:
+                parents[t.child_frame_id] = t.parent_frame_id
+                p, q = t.translation, t.rotation
+                values.setdefault(t.child_frame_id, []).append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+        arrays = {part: np.array(rows) for part, rows in values.items()}
+        return {part: (parents[part], rows[:, :3], rows[:, 3:]) for part, rows in arrays.items()}
+
+    def _channel(self, topic: str):
+        if topic not in self._channels:
+            raise RecordingError(
+                f"{self.path} has no topic {topic!r}; it has {', '.join(self.topics) or 'none'}"
+            )
+        return self._channels[topic]
+
+
+def read(path: str | Path) -> Recording:
+    """Open a recording; one that was cut off is opened as far as it goes.
+
+    Raises:
+        RecordingError: it cannot be read, or is not an MCAP file.
+    """
+    return Recording(path)
+
+
+def describe(path: str | Path) -> str:
+    """What a recording holds, how far it goes and where it came from, in lines of text.
+
+    Raises:
+        RecordingError: it cannot be read, or is not an MCAP file.
+    """
+    recording = read(path)
+    size = recording.path.stat().st_size
+    what = {RUN: "recording of a training run", ROLLOUT: "recording of a rollout"}
+    lines = [f"{path}: {what.get(recording.kind, 'MCAP file of another program')}, {size:,} bytes"]
+    generations = recording.generations
+    if len(generations):
+        mean = recording.array("/summary", "mean")
+        lines.append(
+            f"  generations {generations[0]} to {generations[-1]} ({len(generations)}); "
+            f"population mean {mean[-1]:.1f} in the last, "
+            f"{recording.array('/summary', 'total_steps')[-1]:,} environment steps"
+        )
+    if recording.topics.get("/evaluation"):
+        scores = recording.array("/evaluation", "mean")
+        lines.append(f"  {len(scores)} evaluations, best {scores.max():.1f}")
+    if recording.topics.get("/reward"):
+        total = recording.array("/reward", "total")
+        lines.append(f"  {len(total)} steps, {recording.seconds:.2f} s, {total[-1]:.1f} points")
+    if not recording.complete:
+        how_far = {
+            RUN: f"it goes up to generation {generations[-1]}"
+            if len(generations)
+            else "it is empty",
+            ROLLOUT: f"it goes up to {recording.seconds:.2f} s",
+        }.get(recording.kind, f"it has {sum(recording.topics.values())} messages")
+        reason = recording.problem or "the run has not ended, or was killed"
+        lines.append(f"  incomplete ({reason}): {how_far}")
+    lines += [f"  {topic}: {count} messages" for topic, count in recording.topics.items()]
+    for name, values in recording.metadata_records:
+        lines.append(f"  {name}:")
+        lines += [f"    {key}: {value}" for key, value in values.items()]
+    return "\n".join(lines)
