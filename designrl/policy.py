@@ -92,10 +92,9 @@ class Agent:
                 f"{experiment.name} has {expected} parameters, got an array of shape "
                 f"{self.parameters.shape}"
             )
-        if not np.isfinite(self.parameters).all():
-            raise InputError(
-                f"parameter {int(np.argmin(np.isfinite(self.parameters)))} is not a finite number"
-            )
+        usable = np.abs(self.parameters) <= np.finfo(np.float32).max  # false for NaN
+        if not usable.all():
+            raise InputError(f"parameter {int(np.argmin(usable))} is not a finite float32 number")
         self._layers = split_layers(self.network, self.parameters.astype(np.float32))
         self._noise_std = (
             np.exp(0.5 * self.parameters[: self.network.num_parameters][-self.network.sizes[-1] :])

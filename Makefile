@@ -1,0 +1,55 @@
+# Each target does whatever set-up it needs; a second call sets nothing up again.
+#   make reproduce-table3            the summary of the results, paper and ours side by side
+#   make reproduce-table3 ZOO=path   the same with the author's 2018 weights as a further column
+#   make test                        the test suite
+#   make bench                       speeds as ratios to a named baseline
+PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
+CXX ?= g++
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+ENGINE_SOURCES := $(wildcard setup.py designrl/simulation/csrc/*)
+
+export ZOO
+# box2d-py's build calls swig, which pip has put there.
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+.PHONY: setup test bench lint reproduce-table3 verify-engine clean
+
+setup: $(READY)
+
+$(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
+	  echo "designrl: Python 3.11 is needed and $(PYTHON) is not it; install it, or name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "designrl: $(PYTHON) cannot make virtual environments; install its venv package (Debian: python3.11-venv)" >&2; exit 1; }
+	@command -v $(firstword $(CXX)) >/dev/null || { \
+	  echo "designrl: a C++ compiler is needed to build box2d-py and $(firstword $(CXX)) was not found; install g++, or name one with make CXX=..." >&2; exit 1; }
+	@test -x $(BIN)/python || { echo "designrl: making the virtual environment $(VENV)"; $(PYTHON) -m venv $(VENV); }
+	@echo "designrl: installing the pinned dependencies (some minutes the first time; box2d-py is compiled)"
+	@grep -E '^(swig|setuptools|wheel)==' requirements.lock > $(VENV)/build-tools.lock
+	@$(PIP) install --quiet -r $(VENV)/build-tools.lock
+	@$(PIP) install --quiet --no-build-isolation -r requirements.lock
+	@echo "designrl: building the package and its walker engine"
+	@$(PIP) install --quiet --no-build-isolation --no-deps --editable .
+	@touch $@
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+bench: $(READY)
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+reproduce-table3: $(READY)
+	@$(BIN)/python -m reproduce.table3
+
+verify-engine: $(READY)
+	@$(BIN)/python -m designrl.simulation.verify
+
+clean:
+	rm -rf $(VENV) build *.egg-info .cache

@@ -1,0 +1,128 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from designrl.checkpoint import describe, file_hash, load, load_published, save
+from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
+from designrl.policy import Agent
+
+
+def make_agent(name="biped-morphology", network=None, **metadata):
+    experiment = get_experiment(name)
+    size = (network or experiment.network).num_parameters
+    size += experiment.design.size if experiment.design else 0
+    parameters = np.random.default_rng(0).standard_normal(size)
+    return Agent(experiment, parameters, network, metadata)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_what_is_saved_is_loaded(name, tmp_path):
+    agent = make_agent(name, seed=3, generation=25, score=1.5, settings={"population": 4})
+    save(agent, tmp_path / "a.safetensors")
+    loaded = load(tmp_path / "a.safetensors")
+    np.testing.assert_array_equal(loaded.parameters, agent.parameters)
+    assert loaded.experiment == agent.experiment
+    assert loaded.network == agent.network
+    assert agent.metadata.items() <= loaded.metadata.items()
+    assert name in describe(tmp_path / "a.safetensors")
+
+
+def test_the_published_ant_keeps_its_own_network(tmp_path):
+    save(make_agent("ant", PUBLISHED_ANT_NETWORK), tmp_path / "a.safetensors")
+    assert load(tmp_path / "a.safetensors").network == PUBLISHED_ANT_NETWORK
+
+
+def test_equal_agents_give_equal_bytes_in_every_process(tmp_path):
+    save(make_agent(seed=1, b=2, c=3, d=4), tmp_path / "here.safetensors")
+    code = (
+        "import sys; sys.path.insert(0, 'tests'); from test_checkpoint import *; "
+        f"save(make_agent(seed=1, b=2, c=3, d=4), {str(tmp_path / 'there.safetensors')!r})"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert file_hash(tmp_path / "here.safetensors") == file_hash(tmp_path / "there.safetensors")
+
+
+def test_every_truncation_of_a_checkpoint_is_refused_in_one_sentence(tmp_path):
+    save(make_agent(), tmp_path / "a.safetensors")
+    data = (tmp_path / "a.safetensors").read_bytes()
+    for size in [*range(0, 600, 7), len(data) // 2, len(data) - 1]:
+        (tmp_path / "cut.safetensors").write_bytes(data[:size])
+        with pytest.raises(InputError, match=r"cut\.safetensors") as caught:
+            load(tmp_path / "cut.safetensors")
+        assert "\n" not in str(caught.value)
+
+
+def test_flipped_bytes_never_crash_the_loader(tmp_path):
+    save(make_agent(), tmp_path / "a.safetensors")
+    data = (tmp_path / "a.safetensors").read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        changed = bytearray(data)
+        for place in rng.integers(0, 700, size=3):
+            changed[place] = rng.integers(256)
+        (tmp_path / "changed.safetensors").write_bytes(changed)
+        try:
+            load(tmp_path / "changed.safetensors")
+        except InputError as error:
+            assert "changed.safetensors" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "not a 2018 weights file"),
+        ("[[1, 2], 3]", "has 2804 parameters"),
+        ("[[1, 2]", "not a 2018 weights file"),
+        ('{"a": 1}', "not a 2018 weights file"),
+        ("[" * 100_000, "not a 2018 weights file"),
+        (json.dumps([[[1.0]] * 2804, 1]), "has 2804 parameters"),
+        (json.dumps([["a"] * 2804, 1]), "not a 2018 weights file"),
+        (json.dumps([[0.0] * 2803 + [float("nan")], 1]), "parameter 2803 is not a finite"),
+        (json.dumps([[1e300] * 2804, 1]), "parameter 0 is not a finite"),
+        (json.dumps([[0.0] * 2804, None]), "not a 2018 weights file"),
+    ],
+)
+def test_a_wrong_2018_file_is_refused_by_name(tmp_path, content, words):
+    (tmp_path / "biped.json").write_text(content)
+    with pytest.raises(InputError, match=rf"biped\.json.*{words}"):
+        load_published(tmp_path / "biped.json", get_experiment("biped"))
+
+
+def test_a_2018_file_is_imported_in_its_order(tmp_path):
+    parameters = np.arange(2812) / 1000
+    (tmp_path / "a.json").write_text(json.dumps([parameters.tolist(), 12.5]))
+    agent = load(tmp_path / "a.json", "biped-morphology")
+    np.testing.assert_array_equal(agent.parameters, parameters)
+    np.testing.assert_allclose(agent.design, 1 + 0.75 * np.tanh(parameters[-8:]))
+    assert agent.metadata["score"] == 12.5
+
+
+def test_the_wrong_file_is_refused_by_name(tmp_path):
+    save(make_agent("biped"), tmp_path / "a.safetensors")
+    with pytest.raises(InputError, match="is of experiment biped, not biped-morphology"):
+        load(tmp_path / "a.safetensors", "biped-morphology")
+    with pytest.raises(InputError, match="cannot be read"):
+        load(tmp_path / "absent.safetensors")
+    with pytest.raises(InputError, match="is a folder"):
+        load(tmp_path)
+    (tmp_path / "a.json").write_text("[[], 0]")
+    with pytest.raises(InputError, match="add --experiment"):
+        load(tmp_path / "a.json")
+
+
+def test_no_space_leaves_the_old_file(tmp_path, monkeypatch):
+    save(make_agent(), tmp_path / "a.safetensors")
+    before = file_hash(tmp_path / "a.safetensors")
+
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        save(make_agent(seed=7), tmp_path / "a.safetensors")
+    assert file_hash(tmp_path / "a.safetensors") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["a.safetensors"]

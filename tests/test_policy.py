@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+import torch
+
+from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
+from designrl.network import TanhPolicy
+from designrl.policy import Agent, tanh32
+
+
+def random_agent(name, seed=0, network=None, scale=0.5):
+    experiment = get_experiment(name)
+    size = (network or experiment.network).num_parameters
+    size += experiment.design.size if experiment.design else 0
+    return Agent(experiment, scale * np.random.default_rng(seed).standard_normal(size), network)
+
+
+def test_tanh32_is_tanh_to_four_units_in_the_last_place():
+    x = np.concatenate([np.linspace(-12, 12, 100_001), np.logspace(-30, 1, 1000)])
+    x = x.astype(np.float32)
+    np.testing.assert_allclose(tanh32(x), np.tanh(x.astype(np.float64)), rtol=4.8e-7)
+    assert abs(tanh32(x)).max() <= 1.0
+
+
+def test_act_sums_inputs_in_order_in_float32():
+    agent = random_agent("biped")
+    x = np.random.default_rng(1).standard_normal(24).astype(np.float32)
+    weights = agent.parameters.astype(np.float32)
+    expected, start = x, 0
+    for inputs, outputs in ((24, 40), (40, 40), (40, 4)):
+        w = weights[start : start + inputs * outputs].reshape(inputs, outputs)
+        start += inputs * outputs
+        total = expected[0] * w[0]
+        for i in range(1, inputs):
+            total = total + expected[i] * w[i]
+        expected = tanh32(total + weights[start : start + outputs])
+        start += outputs
+    np.testing.assert_array_equal(agent.act(x), expected)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_act_agrees_with_the_torch_module_on_the_flat_vector(name):
+    agent = random_agent(name)
+    policy = TanhPolicy(agent.network)
+    flat = torch.from_numpy(agent.parameters[: agent.network.num_parameters])
+    torch.nn.utils.vector_to_parameters(flat, policy.parameters())
+    torch.testing.assert_close(torch.nn.utils.parameters_to_vector(policy.parameters()), flat)
+    agent._noise_std = None
+    observation = np.random.default_rng(2).standard_normal(
+        agent.network.sizes[0] - (agent.network.time_scale is not None)
+    )
+    inputs = observation if agent.network.time_scale is None else np.append(observation, 0.123)
+    with torch.no_grad():
+        expected = policy(torch.from_numpy(inputs)).numpy()
+    np.testing.assert_allclose(agent.act(observation, t=123), expected, atol=2e-6)
+
+
+def test_the_published_ant_has_a_linear_output_and_10176_numbers():
+    agent = random_agent("ant", network=PUBLISHED_ANT_NETWORK, scale=2.0)
+    assert len(agent.parameters) == 10176
+    actions = [agent.act(np.ones(28), t) for t in range(20)]
+    assert np.abs(actions).max() > 1.0
+
+
+def test_output_noise_is_a_function_of_the_episodes_seed():
+    agent = random_agent("ant-morphology")
+
+    def actions(seed):
+        agent.reset(seed)
+        return np.array([agent.act(np.zeros(28), t) for t in range(5)])
+
+    np.testing.assert_array_equal(actions(1), actions(1))
+    assert (actions(1) != actions(2)).any()
+    assert np.ptp(actions(1), axis=0).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("biped", 2804), ("biped-morphology", 2812), ("ant-morphology", 4308), ("ant", 4272)],
+)
+def test_parameter_counts_are_the_published_ones(name, count):
+    assert get_experiment(name).num_parameters == count
+
+
+def test_wrong_parameters_are_refused():
+    with pytest.raises(InputError, match="2812 parameters"):
+        Agent(get_experiment("biped-morphology"), np.zeros(2804))
+    bad = np.zeros(2804)
+    bad[17] = np.inf
+    with pytest.raises(InputError, match="parameter 17"):
+        Agent(get_experiment("biped"), bad)
+
+
+def test_an_unknown_experiment_is_answered_with_the_nearest_name():
+    with pytest.raises(InputError, match="did you mean 'biped-hardcore'"):
+        get_experiment("biped-hardcor")
