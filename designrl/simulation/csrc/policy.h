@@ -1,0 +1,49 @@
+// The policy network, 24-40-40-4 with tanh (designrl/policy.py, Agent.act): float32, sums over the
+// inputs in order.
+#pragma once
+
+#include "velocity_solver.h"
+
+namespace ENGINE {
+
+constexpr int kWeights =
+    (kObservations + 1) * kHidden + (kHidden + 1) * kHidden + (kHidden + 1) * kActions;
+
+// tanh(x) = x P(x²) / Q(x²) on [-9, 9]; coefficients of falling powers.
+inline float tanh32(float x) {
+  x = minimum(maximum(x, -9.0f), 9.0f);
+  const float s = x * x;
+  float p = 1.3354668482179477e-08f * s;
+  p = (p + 2.0609088096534833e-05f) * s;
+  p = (p + 0.003495588432997465f) * s;
+  p = (p + 0.13381025195121765f) * s;
+  p = p + 1.0f;
+  float q = 7.776561119499092e-07f * s;
+  q = (q + 0.00032856353209353983f) * s;
+  q = (q + 0.025876984000205994f) * s;
+  q = (q + 0.4671434164047241f) * s;
+  q = q + 1.0f;
+  return minimum(maximum((x * p) / q, -1.0f), 1.0f);
+}
+
+template <int kIn, int kOut>
+inline const float* layer(const float* weights, const float* __restrict in,
+                          float* __restrict out) {
+  float sum[kOut];
+  for (int o = 0; o < kOut; ++o) sum[o] = in[0] * weights[o];
+  for (int i = 1; i < kIn; ++i)
+    for (int o = 0; o < kOut; ++o) sum[o] += in[i] * weights[i * kOut + o];
+  const float* bias = weights + kIn * kOut;
+  for (int o = 0; o < kOut; ++o) out[o] = tanh32(sum[o] + bias[o]);
+  return bias + kOut;
+}
+
+// weights: layer by layer the matrix (inputs, outputs) row by row, then the bias.
+inline void act(const float* weights, const float* observation, float* action) {
+  float hidden1[kHidden], hidden2[kHidden];
+  weights = layer<kObservations, kHidden>(weights, observation, hidden1);
+  weights = layer<kHidden, kHidden>(weights, hidden1, hidden2);
+  layer<kHidden, kActions>(weights, hidden2, action);
+}
+
+}  // namespace ENGINE

@@ -1,0 +1,70 @@
+"""Builds the compiled walker engine; everything else is in pyproject.toml.
+
+The engine is optional: without a C++ compiler or on another processor the installation goes on, and
+training uses the reference environment.
+"""
+
+import platform
+import sys
+from pathlib import Path
+
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+
+SOURCES = Path("designrl/simulation/csrc")
+# The lanes' code once for each instruction set; the best one that a processor has is chosen at run
+# time, so one wheel serves every x86-64.
+INSTRUCTION_SETS = {
+    "sse2": [],
+    "avx2": ["-mavx2"],
+    "avx512": ["-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512"],
+}
+# No contraction into fused multiply-adds and no reordering: the bits must be Box2D's. The other two
+# give up only errno and floating-point traps, and let comparisons become vector selects.
+FLAGS = ["-std=c++17", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+
+
+class BuildEngine(build_ext):
+    def build_extension(self, extension):
+        print("designrl: compiling the walker engine (about half a minute, once)", flush=True)
+        try:
+            machine = platform.machine().lower()
+            if machine not in ("x86_64", "amd64") or not sys.platform.startswith("linux"):
+                raise RuntimeError(f"it needs Linux on x86-64, this is {sys.platform} {machine}")
+            objects = self.compiler.compile(
+                [str(SOURCES / "engine.cpp")],
+                output_dir=self.build_temp,
+                depends=extension.depends,
+                extra_postargs=FLAGS,
+            )
+            for name, flags in INSTRUCTION_SETS.items():
+                objects += self.compiler.compile(
+                    [str(SOURCES / "lanes.cpp")],
+                    output_dir=str(Path(self.build_temp) / name),
+                    depends=extension.depends,
+                    extra_postargs=FLAGS + flags,
+                )
+            target = self.get_ext_fullpath(extension.name)
+            Path(target).parent.mkdir(parents=True, exist_ok=True)
+            self.compiler.link_shared_object(objects, target, target_lang="c++")
+        except Exception as error:  # a missing engine must not stop the installation
+            print(
+                f"designrl: the walker engine was not built ({error}); training will use the "
+                "slower reference environment, with the same results",
+                file=sys.stderr,
+                flush=True,
+            )
+
+
+setup(
+    ext_modules=[
+        Extension(
+            "designrl.simulation._walker_engine",
+            sources=[str(SOURCES / "engine.cpp"), str(SOURCES / "lanes.cpp")],
+            depends=sorted(str(path) for path in SOURCES.glob("*.h")),
+            language="c++",
+            optional=True,
+        )
+    ],
+    cmdclass={"build_ext": BuildEngine},
+)
