@@ -234,5 +234,3 @@ class WalkerEngine:
             thread.join()
         if status[0]:
             raise MemoryError("the walker engine got no memory for its episodes")
-
-

@@ -199,7 +199,7 @@ def main(arguments: list[str] | None = None) -> int:
     steps, counts, differences = 0, Counter(), []
     with ProcessPoolExecutor(options.workers) as pool:
         results = pool.map(compare, cases, chunksize=4)
-        for case, (length, found) in zip(tqdm(cases, unit="episode"), results):
+        for case, (length, found) in zip(tqdm(cases, unit="episode"), results, strict=True):
             steps += length
             counts["trained" if case.kind != "random" else "random", case.hardcore] += 1
             if found:
