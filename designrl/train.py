@@ -127,6 +127,7 @@ class TrainingRun:
                 smoothing=0.05,
             ) as bar,
         ):
+            self._save_state()  # first of all, so that whatever is left by a kill can be resumed
             saved_at = time.perf_counter()
             try:
                 while not self.finished:

@@ -1,0 +1,222 @@
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from designrl.checkpoint import file_hash, load, read_tensors
+from designrl.errors import InputError
+from designrl.recording import read
+from designrl.settings import TrainSettings, parse_rollouts
+from designrl.simulation import EpisodeRules, Simulator
+from designrl.train import STATE_FORMAT, TrainingRun
+
+SMALL = {"generations": 5, "population": 4, "rollouts": ((0, 1), (3, 2)), "evaluate_every": 2}
+
+
+def settings(experiment="biped-morphology", **changes):
+    return TrainSettings(experiment, **{**SMALL, "evaluation_episodes": 3, **changes})
+
+
+def train(folder, experiment="biped-morphology", workers=1, resume=False, **changes):
+    run = TrainingRun(settings(experiment, **changes), folder, workers, "reference", resume)
+    run.run()
+    return run
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The folder of a run that nothing happened to."""
+    folder = tmp_path_factory.mktemp("run")
+    train(folder)
+    return folder
+
+
+def test_a_runs_folder_holds_what_the_design_says(undisturbed):
+    names = {path.name for path in undisturbed.iterdir()} - {".lock"}
+    assert names == {"best.safetensors", "state.safetensors", "generations.mcap", "rollouts"}
+    agent = load(undisturbed / "best.safetensors")
+    assert agent.metadata["seed"] == 0
+    assert agent.metadata["settings"]["population"] == 4
+    assert agent.metadata["generation"] in (2, 4, 5)
+    assert {"designrl", "box2d-py", "sources"} <= agent.metadata["versions"].keys()
+    np.testing.assert_array_equal(agent.parameters, agent.parameters.round(4))
+
+
+def test_the_kept_score_is_that_of_the_checkpoint(undisturbed):
+    agent = load(undisturbed / "best.safetensors")
+    recording = read(undisturbed / "generations.mcap")
+    evaluation = next(
+        e
+        for e in recording.messages("/evaluation")
+        if e.generation == agent.metadata["generation"] - 1
+    )
+    with Simulator("biped-morphology", "reference") as simulator:
+        again = simulator.rollout(agent.parameters[None], np.array([list(evaluation.seeds)]))
+    np.testing.assert_array_equal(again.returns[0], evaluation.scores)
+    assert agent.metadata["score"] == again.returns.mean()
+
+
+def test_the_same_seed_gives_the_same_bytes_for_any_number_of_workers(undisturbed, tmp_path):
+    train(tmp_path / "two", workers=2)
+    assert file_hash(tmp_path / "two/best.safetensors") == file_hash(
+        undisturbed / "best.safetensors"
+    )
+    train(tmp_path / "other", seed=1)
+    other = load(tmp_path / "other/best.safetensors")
+    assert (other.parameters != load(undisturbed / "best.safetensors").parameters).any()
+
+
+@pytest.mark.parametrize("generations", [1, 2, 3])
+def test_an_interrupted_run_ends_with_the_same_bytes(
+    undisturbed, tmp_path, monkeypatch, generations
+):
+    done = 0
+
+    def interrupt(self, *args, **kwargs):
+        nonlocal done
+        done += 1
+        if done > generations:
+            raise KeyboardInterrupt
+        return original(self, *args, **kwargs)
+
+    original = Simulator.rollout
+    monkeypatch.setattr(Simulator, "rollout", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train(tmp_path)
+    monkeypatch.undo()
+    train(tmp_path, resume=True)
+    for name in ("best.safetensors",):
+        assert file_hash(tmp_path / name) == file_hash(undisturbed / name)
+    found, expected = (read(f / "generations.mcap") for f in (tmp_path, undisturbed))
+    for field in ("mu", "sigma"):
+        np.testing.assert_array_equal(
+            found.array("/distribution", field), expected.array("/distribution", field)
+        )
+
+
+def test_a_killed_run_ends_with_the_same_bytes(undisturbed, tmp_path):
+    command = [
+        *(sys.executable, "-m", "designrl", "train", "biped-morphology", "--out", str(tmp_path)),
+        *("--generations", "5", "--population", "4", "--rollouts", "1,3:2"),
+        *("--evaluate-every", "2", "--evaluation-episodes", "3", "--backend", "reference"),
+        *("--workers", "1", "--resume"),
+    ]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "best.safetensors").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
+    assert file_hash(tmp_path / "best.safetensors") == file_hash(undisturbed / "best.safetensors")
+    generations = read(tmp_path / "generations.mcap").array("/distribution", "generation")
+    assert generations.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
+    command = [sys.executable, "-m", "designrl", "train", "biped", "--out", str(tmp_path)]
+    command += ["--population", "4", "--rollouts", "1", "--backend", "reference"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "generations.mcap").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"designrl train biped --out {tmp_path}" in errors
+    assert "--resume" in errors
+    _, metadata = read_tensors(tmp_path / "state.safetensors", STATE_FORMAT)
+    assert metadata["experiment"] == "biped"
+
+
+def test_a_pair_of_candidates_meets_the_same_episodes(tmp_path):
+    run = TrainingRun(settings(population=6), tmp_path, backend="reference")
+    seeds = run._episode_seeds(3)
+    assert seeds.shape == (6, 2)
+    np.testing.assert_array_equal(seeds[:3], seeds[3:])
+    assert len(set(seeds[:3].ravel())) == 6
+    assert (run._episode_seeds(4) != seeds).any()
+
+
+def test_training_uses_training_rewards_and_evaluation_does_not(tmp_path, monkeypatch):
+    rules = []
+    original = Simulator.rollout
+
+    def spy(self, candidates, seeds, used=None, *args, **kwargs):
+        rules.append((len(candidates), used))
+        return original(self, candidates, seeds, used, *args, **kwargs)
+
+    monkeypatch.setattr(Simulator, "rollout", spy)
+    train(tmp_path, "biped-morphology-smaller-leg", generations=2)
+    assert rules == [
+        (4, EpisodeRules(training=True, leg_area_reward=True)),
+        (4, EpisodeRules(training=True, leg_area_reward=True)),
+        (1, EpisodeRules(training=False, leg_area_reward=True)),
+    ]
+
+
+def test_a_folder_with_a_run_is_not_overwritten(undisturbed, tmp_path):
+    before = file_hash(undisturbed / "state.safetensors")
+    with pytest.raises(InputError, match="holds another run"):
+        train(undisturbed)
+    with pytest.raises(InputError, match="population = 4, not 6"):
+        train(undisturbed, population=6, resume=True)
+    with pytest.raises(InputError, match="experiment = 'biped-morphology', not 'biped'"):
+        train(undisturbed, "biped", resume=True)
+    assert file_hash(undisturbed / "state.safetensors") == before
+
+
+def test_a_damaged_state_is_named_and_left_alone(tmp_path):
+    train(tmp_path, generations=2)
+    path = tmp_path / "state.safetensors"
+    path.write_bytes(path.read_bytes()[:-100])
+    before = file_hash(path)
+    with pytest.raises(InputError, match=r"state\.safetensors is not a whole"):
+        train(tmp_path, generations=2, resume=True)
+    assert file_hash(path) == before
+
+
+def test_two_runs_cannot_share_a_folder(tmp_path):
+    first = TrainingRun(settings(), tmp_path, backend="reference")
+    second = TrainingRun(settings(), tmp_path, backend="reference")
+    with first._locked_folder(), pytest.raises(InputError, match="in use by another run"):
+        second.run()
+
+
+def test_defaults_are_the_papers():
+    defaults = TrainSettings("biped-hardcore")
+    assert (defaults.generations, defaults.population, defaults.rollouts) == (
+        10000,
+        192,
+        ((0, 16),),
+    )
+    assert TrainSettings("ant").generations == 3000
+    assert TrainSettings("biped").reinforce.sigma_start == 0.1
+
+
+def test_rollouts_are_a_number_or_a_schedule():
+    assert parse_rollouts("16") == ((0, 16),)
+    assert parse_rollouts("1,600:4,900:16") == ((0, 1), (600, 4), (900, 16))
+    schedule = TrainSettings("biped", rollouts=parse_rollouts("1,600:4,900:16"))
+    assert [schedule.rollouts_at(g) for g in (0, 599, 600, 899, 5000)] == [1, 1, 4, 4, 16]
+    for wrong in ("", "x", "1,2", "1:2", "1,a:3"):
+        with pytest.raises(InputError, match="1,600:4"):
+            parse_rollouts(wrong)
+    with pytest.raises(InputError, match="go up"):
+        TrainSettings("biped", rollouts=((0, 1), (5, 2), (5, 3)))
+
+
+def test_wrong_settings_are_refused():
+    for wrong in ({"generations": 0}, {"seed": -1}, {"preset": "x"}, {"evaluate_every": 0}):
+        with pytest.raises(InputError):
+            settings(**wrong)
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be used as the run's folder"):
+        train(tmp_path / "file" / "run")
