@@ -1,6 +1,7 @@
 """Writers of the two kinds of recordings: a training run, and one rollout."""
 
 import json
+import math
 import time
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def protobuf_schema(message_class) -> tuple[str, str, bytes]:
 def as_text(values: dict) -> dict[str, str]:
     """Metadata as MCAP wants it: everything that is not text becomes JSON."""
     return {
-        str(key): value if isinstance(value, str) else json.dumps(value, sort_keys=True)
+        str(key): value if isinstance(value, str) else json.dumps(value)
         for key, value in values.items()
     }
 
@@ -326,10 +327,10 @@ class RolloutWriter:
                 transform.rotation.w,
             ) = q
         self._write("/tf", message, now)
-        center = self._body.center()
-        if self._shown_at is None or np.linalg.norm(center - self._shown_at) > GROUND_REFRESH:
-            self._shown_at = center
-            self._write("/ground", _point_cloud(*self._body.ground_near(center), now), now)
+        place = poses[next(iter(poses))][0]
+        if self._shown_at is None or math.dist(place, self._shown_at) > GROUND_REFRESH:
+            self._shown_at = place
+            self._write("/ground", _point_cloud(*self._body.ground_near(place), now), now)
 
     def step(self, observation, action, reward: float, info: dict) -> None:
         """Record a step, after the environment took it.
@@ -347,7 +348,7 @@ class RolloutWriter:
             "/observation",
             schema.Observation(step=step, values=values),
             before,
-            names=body.observations,
+            names=body.observation_names,
         )
         values = np.asarray(action, dtype=np.float32).tolist()
         self._write(
@@ -361,7 +362,7 @@ class RolloutWriter:
             step=step, reward=reward, total=self._total, terms=list(terms.values())
         )
         self._write("/reward", message, after, names=list(terms))
-        angles, speeds, torques = body.joints().tolist()
+        angles, speeds, torques = body.joints()
         message = schema.Joints(step=step, angles=angles, speeds=speeds, torques=torques)
         self._write("/joints", message, after, names=body.joint_names)
         message = schema.Contacts(step=step, touching=body.contacts())
