@@ -1,0 +1,333 @@
+import gc
+import pickle
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import gymnasium
+import numpy as np
+import pybullet
+import pytest
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3 import PPO
+
+import designrl  # noqa: F401
+from designrl.design import ANT
+from designrl.envs import ant
+from designrl.envs.ant import FEET, JOINTS, OBSERVATIONS, PARTS, REWARD_TERMS, Ant
+from designrl.envs.ant_body import leg_capsules, mjcf
+from designrl.simulation.reference import run_episode
+
+ID = "designrl/Ant-v0"
+LONG_LEGS = np.tile([1.3, 1.5, 1.7, 1.6, 1.75, 1.7, 0.3, 0.4, 0.25], 4)
+MIXED = np.random.default_rng(7).uniform(0.25, 1.75, ANT.size)
+
+
+def trajectory(env, seed, steps=150, reset_options=None):
+    """Observations and rewards under actions that depend on the seed alone."""
+    rng = np.random.default_rng(seed)
+    observation, _ = env.reset(seed=seed, options=reset_options)
+    rows = [np.append(observation, 0.0)]
+    for _ in range(steps):
+        observation, reward, terminated, truncated, _ = env.step(rng.uniform(-1, 1, len(JOINTS)))
+        rows.append(np.append(observation.astype(np.float64), reward))
+        if terminated or truncated:
+            break
+    return np.array(rows)
+
+
+def rotate(q, v):
+    u = np.array(q[:3])
+    return v + 2 * np.cross(u, np.cross(u, v) + q[3] * np.asarray(v))
+
+
+def test_gymnasiums_checker_accepts_it():
+    check_env(gymnasium.make(ID, design=LONG_LEGS, render_mode="rgb_array").unwrapped)
+
+
+def test_stable_baselines3_trains_on_it():
+    model = PPO("MlpPolicy", gymnasium.make(ID, design=LONG_LEGS), n_steps=512, n_epochs=2, seed=0)
+    model.learn(total_timesteps=2048)
+    assert model.num_timesteps == 2048
+
+
+def test_importing_and_connecting_prints_nothing():
+    code = (
+        "import gymnasium, designrl; env = gymnasium.make('designrl/Ant-v0'); env.reset(seed=0);"
+        "env.step(env.action_space.sample())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_an_episode_does_not_depend_on_earlier_ones():
+    env = gymnasium.make(ID, design=MIXED)
+    first = trajectory(env, 3)
+    for seed in range(4):
+        trajectory(env, seed, steps=50)
+    np.testing.assert_array_equal(trajectory(env, 3), first)  # the body was kept
+    trajectory(env, 5, steps=80, reset_options={"design": LONG_LEGS})
+    again = trajectory(env, 3, reset_options={"design": MIXED})  # the body was loaded again
+    np.testing.assert_array_equal(again, first)
+    np.testing.assert_array_equal(trajectory(gymnasium.make(ID, design=MIXED), 3), first)
+    env.close()
+    np.testing.assert_array_equal(trajectory(env, 3), first)
+
+
+def test_pictures_change_nothing():
+    seen = gymnasium.make(ID, design=LONG_LEGS, render_mode="rgb_array")
+    rng = np.random.default_rng(1)
+    seen.reset(seed=1)
+    seen.render()
+    for _ in range(30):
+        last, *_ = seen.step(rng.uniform(-1, 1, 8))
+        seen.render()
+    unseen = trajectory(gymnasium.make(ID, design=LONG_LEGS), 1, steps=30)
+    np.testing.assert_array_equal(last, unseen[-1, :-1].astype(np.float32))
+
+
+def test_many_ants_live_in_one_process_and_leave_nothing_behind():
+    alone = trajectory(gymnasium.make(ID, design=MIXED), 1)
+    envs = [gymnasium.make(ID, design=MIXED) for _ in range(20)]
+    for env in envs:
+        env.reset(seed=5)
+    np.testing.assert_array_equal(trajectory(envs[7], 1), alone)
+    clients = [env.unwrapped._client for env in envs]
+    assert len(set(clients)) == len(clients)
+    del env, envs
+    gc.collect()
+    for client in clients:
+        assert not pybullet.isConnected(client)
+
+
+def test_no_room_for_another_world_is_said(monkeypatch):
+    monkeypatch.setattr(pybullet, "connect", lambda *_: -1)
+    with pytest.raises(ValueError, match="no room for another ant"):
+        Ant().reset()
+
+
+def test_no_room_for_the_bodys_file_is_said(monkeypatch, tmp_path):
+    monkeypatch.setattr(ant.tempfile, "tempdir", str(tmp_path / "missing"))
+    env = Ant()
+    with pytest.raises(ValueError, match="TMPDIR"):
+        env.reset()
+    monkeypatch.undo()
+    env.reset()  # and it is of use again
+
+
+def test_reset_leaves_no_file(monkeypatch, tmp_path):
+    monkeypatch.setattr(ant.tempfile, "tempdir", str(tmp_path))
+    Ant().reset()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_copy_by_pickle_is_the_same_environment():
+    env = pickle.loads(pickle.dumps(Ant(design=MIXED)))
+    np.testing.assert_array_equal(trajectory(env, 2), trajectory(Ant(design=MIXED), 2))
+
+
+@pytest.mark.parametrize("design", [np.ones(ANT.size), LONG_LEGS, MIXED])
+def test_the_body_has_the_dimensions_of_the_design(design):
+    env = Ant(design=design)
+    env.reset(seed=0)
+    client = {"physicsClientId": env._client}
+    parts = leg_capsules(design)
+    assert [part.name for part in parts] == list(PARTS[1:])
+    lengths = np.hypot(*ANT.dimensions(design).reshape(4, 9)[:, :6].reshape(-1, 2).T)
+    radii = ANT.dimensions(design).reshape(4, 9)[:, 6:].ravel()
+    torso = pybullet.getDynamicsInfo(env._ant, -1, **client)
+    assert torso[0] == pytest.approx(1000 * 4 / 3 * np.pi * 0.25**3)
+    for part, link, length, radius in zip(parts, env._parts, lengths, radii, strict=True):
+        assert np.linalg.norm(part.end) == pytest.approx(length)
+        assert part.radius == pytest.approx(radius)
+        info = pybullet.getDynamicsInfo(env._ant, link, **client)
+        volume = np.pi * radius**2 * length + 4 / 3 * np.pi * radius**3
+        assert info[0] == pytest.approx(1000 * volume, rel=1e-6)
+        np.testing.assert_allclose(info[3], np.array(part.end) / 2, atol=1e-7)  # centre of mass
+        assert (info[1], info[5]) == (1.5, 0.5)  # friction, restitution
+    # The hips turn by 40° to either side, the ankles bend the feet down by 30° to 100°.
+    limits = np.array([pybullet.getJointInfo(env._ant, j, **client)[8:10] for j in env._joints])
+    np.testing.assert_allclose(limits[0::2], np.radians([[-40, 40]] * 4), atol=1e-6)
+    np.testing.assert_allclose(np.abs(limits[1::2]).min(axis=1), np.radians(30), atol=1e-6)
+    np.testing.assert_allclose(np.abs(limits[1::2]).max(axis=1), np.radians(100), atol=1e-6)
+
+
+def test_the_original_body_is_that_of_the_mujoco_file():
+    bodies = {body.get("name"): body for body in ElementTree.fromstring(mjcf(np.ones(36))).iter()}
+    for (sx, sy), leg in zip(
+        ((1, 1), (-1, 1), (-1, -1), (1, -1)),
+        ("front left", "front right", "back left", "back right"),
+        strict=True,
+    ):
+        for part, end in (("top", 0.2), ("middle", 0.2), ("bottom", 0.4)):
+            geom = bodies[f"{leg} {part}"].find("geom")
+            ends = [float(value) for value in geom.get("fromto").split()]
+            assert ends == pytest.approx([0, 0, 0, sx * end, sy * end, 0])
+            assert float(geom.get("size")) == 0.08
+
+
+def test_poses_put_the_parts_of_a_leg_end_to_end():
+    env = Ant(design=MIXED)
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    for _ in range(40):
+        env.step(rng.uniform(-1, 1, 8))
+    poses = {name: (np.array(xyz), quaternion) for name, xyz, quaternion in env.body_poses()}
+    assert tuple(poses) == PARTS
+    for part in leg_capsules(MIXED):
+        position, orientation = poses[part.parent]
+        np.testing.assert_allclose(
+            poses[part.name][0], position + rotate(orientation, part.origin), atol=1e-6
+        )
+        if part.joint:  # it has turned by the joint's angle about the joint's axis
+            angle = env.joint_angles[JOINTS.index(part.joint)]
+            axis = np.array(part.axis) / np.linalg.norm(part.axis)
+            end = np.array(part.end)
+            turned = rotate([*(np.sin(angle / 2) * axis), np.cos(angle / 2)], end)
+            np.testing.assert_allclose(
+                rotate(poses[part.name][1], end), rotate(orientation, turned), atol=1e-6
+            )
+
+
+def test_a_design_at_make_and_at_reset_is_the_same_body_and_stays():
+    made = gymnasium.make(ID, design=LONG_LEGS)
+    reset = gymnasium.make(ID)
+    first = trajectory(reset, 4, reset_options={"design": LONG_LEGS})
+    np.testing.assert_array_equal(first, trajectory(made, 4))
+    np.testing.assert_array_equal(first, trajectory(reset, 4))
+
+
+def test_the_progress_is_that_of_the_mean_of_all_links():
+    env = Ant(design=MIXED)
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    distances = []
+    for _ in range(60):
+        *_, info = env.step(rng.uniform(-1, 1, 8))
+        links = pybullet.getLinkStates(env._ant, range(20), physicsClientId=env._client)
+        x, y, _ = np.mean([link[0] for link in links], axis=0)
+        distances.append(np.hypot(1000 - x, y))
+    progress = info["reward_terms"]["progress"]
+    assert progress == pytest.approx((distances[-2] - distances[-1]) / 0.0165, abs=1e-6)
+
+
+def test_reward_terms_add_up_to_the_reward_and_are_what_the_observation_shows():
+    env = gymnasium.make(ID, design=LONG_LEGS)
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    seen = []
+    for _ in range(300):
+        action = rng.uniform(-1.5, 1.5, 8)
+        observation, reward, terminated, _, info = env.step(action)
+        terms = info["reward_terms"]
+        assert tuple(terms) == REWARD_TERMS
+        assert sum(terms.values()) == reward
+        positions, speeds = observation[8:24:2], observation[9:24:2]
+        if np.abs(observation).max() < 5:
+            assert terms["electricity"] == pytest.approx(-2 * np.abs(action * speeds).mean(), 1e-5)
+            assert terms["joint_limits"] == pytest.approx(-0.2 * (np.abs(positions) > 0.99).sum())
+        assert terms["stall"] == pytest.approx(-0.1 * (action**2).mean())
+        assert terms["alive"] == (-1 if terminated else 1)
+        assert terminated == (observation[0] + 0.75 <= 0.26)
+        assert terms["foot_collision"] == 0
+        np.testing.assert_array_equal(np.clip(250 * action, -250, 250), env.unwrapped.torques)
+        seen.append(observation)
+        if terminated:
+            break
+    seen = np.array(seen)
+    assert len(OBSERVATIONS) == seen.shape[1] == 28
+    assert set(np.unique(seen[:, -len(FEET) :])) == {0.0, 1.0}
+    np.testing.assert_allclose(np.hypot(seen[:, 1], seen[:, 2]), 1, rtol=1e-6)
+
+
+def test_feet_are_seen_to_touch_one_step_later():
+    env = Ant()
+    env.reset(seed=0)
+    before = env.foot_contacts
+    for _ in range(60):
+        observation, *_ = env.step(np.zeros(8))
+        assert tuple(observation[-4:]) == before
+        before = env.foot_contacts
+    assert sum(before) == 4  # without torque it sinks down on all fours
+
+
+def test_an_ant_that_falls_is_done():
+    env = Ant()
+    env.reset(seed=0)
+    pybullet.resetBasePositionAndOrientation(
+        env._ant, (0, 0, 0.75), (1, 0, 0, 0), physicsClientId=env._client
+    )  # on its back: the legs give way
+    for _ in range(200):
+        _, _, terminated, _, info = env.step(np.zeros(8))
+        if terminated:
+            break
+    assert terminated
+    assert info["reward_terms"]["alive"] == -1
+
+
+def test_an_episode_is_truncated_after_1000_steps():
+    env = gymnasium.make(ID)
+    observation, _ = env.reset(seed=0)
+    for step in range(1, 1001):  # it stands, every joint held in the middle of its range
+        hold = -observation[8:24:2] - observation[9:24:2]
+        observation, _, terminated, truncated, _ = env.step(hold)
+        assert not terminated
+        assert truncated == (step == 1000)
+
+
+def test_rgb_array_shows_the_whole_body_on_a_pattern_that_passes_by():
+    env = gymnasium.make(ID, design=LONG_LEGS, render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.shape == (480, 640, 3)
+    assert picture.dtype == np.uint8
+    body = picture[:, :, 0].astype(int) - picture[:, :, 2] > 40  # the legs are amber
+    assert body.sum() > 1000
+    rows, columns = np.nonzero(body)
+    assert rows.min() > 20
+    assert rows.max() < 460
+    assert columns.min() > 20
+    assert columns.max() < 620
+    pybullet.resetBasePositionAndOrientation(
+        env._ant, (50.5, 0, 0.75), (0, 0, 0, 1), physicsClientId=env._client
+    )
+    moved = env.render()
+    assert (np.abs(moved.astype(int) - picture).sum(axis=2) > 30).mean() > 0.2  # the floor
+    assert (body == (moved[:, :, 0].astype(int) - moved[:, :, 2] > 40)).mean() > 0.999
+
+
+def test_wrong_arguments_are_refused():
+    wrong = np.ones(ANT.size)
+    wrong[8] = 1.8
+    with pytest.raises(ValueError, match=r"front left bottom radius.*\[0.25, 1.75\]"):
+        gymnasium.make(ID, design=wrong)
+    wrong[8] = np.nan
+    env = gymnasium.make(ID)
+    with pytest.raises(ValueError, match="front left bottom radius"):
+        env.reset(options={"design": wrong})
+    with pytest.raises(ValueError, match="36 scales"):
+        env.reset(options={"design": np.ones(8)})
+    with pytest.raises(ValueError, match="'desing'"):
+        env.reset(options={"desing": np.ones(36)})
+    with pytest.raises(ValueError, match="render_mode"):
+        Ant(render_mode="human")
+    env.reset(seed=0)
+    for action in (np.zeros(7), np.full(8, np.nan)):
+        with pytest.raises(ValueError, match="8 finite numbers"):
+            env.unwrapped.step(action)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "published", "tolerance"),
+    # Row (a) and (b) of Table 4, run 1; the mean over 100 rollouts that include early falls.
+    [("ant", 3447, 0.02), ("ant-morphology", 5789, 0.05)],
+)
+def test_the_authors_weights_score_what_the_paper_prints(
+    zoo_agent, experiment, published, tolerance
+):
+    agent = zoo_agent(experiment)
+    env = gymnasium.make(ID, disable_env_checker=True)
+    episodes = [run_episode(env, agent, seed) for seed in range(10)]
+    upright = [total for total, steps in episodes if steps == 1000]
+    assert len(upright) >= 8  # about one learned ant in a hundred falls early
+    assert np.mean(upright) == pytest.approx(published, rel=tolerance)
