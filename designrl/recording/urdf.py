@@ -1,4 +1,4 @@
-"""Bodies as pictures: a design as a URDF robot, and as a silhouette.
+"""A design as a URDF robot, which any viewer can draw.
 
 x is forward, y left, z up, in m; the walker's two-dimensional parts get a depth. A link's frame is
 at the joint that it hangs on. The links have the paper's names. Inertias are left out: the robot is
@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from designrl.design import ANT, WALKER
+from designrl.design import WALKER, DesignSpace
 from designrl.envs import ant_body
 
 SCALE = 30.0  # Box2D units of the walker's dimensions per m
@@ -23,8 +23,8 @@ WALKER_TREE = {
     "top leg 2": "hull",
     "bottom leg 2": "top leg 2",
 }
-HULL_COLOR = (127, 51, 229)
-LEG_COLORS = ((178, 101, 152), (128, 51, 102))  # leg 1, leg 2: Gymnasium's
+HULL_COLOR = (160, 105, 255)
+LEG_COLORS = ((255, 190, 225), (225, 110, 180))  # leg 1, leg 2
 ANT_COLORS = {"top": (90, 90, 107), "middle": (217, 140, 51), "bottom": (242, 191, 89)}
 LEG_SIDE = 0.4  # m: leg 1 is drawn that much to the left of the hull's plane, leg 2 to the right
 
@@ -128,38 +128,6 @@ def ant_urdf(scales: np.ndarray, caption: str = "") -> str:
     return _robot("ant", caption, links, joints)
 
 
-def silhouette(dimensions: np.ndarray) -> tuple[list[np.ndarray], list[float], list[tuple]]:
-    """A body as thick lines in a picture, x to the right and y down, in the dimensions' unit.
-
-    A walker (8 dimensions) stands with its legs apart, seen from its right side; an ant (36) is
-    seen from above, its legs stretched.
-
-    Returns: the lines, (n, 2) points each, their half widths, and their colors.
-    """
-    lines, radii, colors = [], [], []
-
-    def add(points, radius: float, color) -> None:
-        lines.append(np.array(points, dtype=np.float64))
-        radii.append(radius)
-        colors.append(color)
-
-    if len(dimensions) == WALKER.size:
-        hip = -HIP * SCALE  # y is down here
-        for leg in (0, 1):
-            top_width, top, bottom_width, bottom = dimensions[4 * leg : 4 * leg + 4]
-            bend = -0.45 if leg == 0 else 0.35  # rad from straight down; the shin stands upright
-            knee = np.array([top * math.sin(bend), hip + top * math.cos(bend)])
-            add([(0, hip), knee], top_width / 2, LEG_COLORS[leg])
-            add([knee, knee + (0, bottom)], bottom_width / 2, LEG_COLORS[leg])
-        hull = [(x, -y) for x, y in HULL]
-        add([(-28, 0.5), (6, 0.5)], 8.5, HULL_COLOR)
-        add([(6, 3.5), (32, 3.5)], 4.5, HULL_COLOR)
-        add([*hull, hull[0]], 0.8, HULL_COLOR)
-    else:
-        places = {"torso": np.zeros(2)}  # x and y of each part's frame; all are parallel here
-        for part in ant_body.leg_capsules(dimensions / ANT.originals):
-            places[part.name] = place = places[part.parent] + part.origin[:2]
-            ends = np.stack([place, place + part.end[:2]]) * (1, -1)
-            add(ends, part.radius, ANT_COLORS[part.name.split()[-1]])
-        add([(-0.01, 0), (0.01, 0)], ant_body.TORSO_RADIUS, ANT_COLORS["top"])
-    return lines, radii, colors
+def body_urdf(space: DesignSpace, scales: np.ndarray, caption: str = "") -> str:
+    """The walker or the ant, whichever the design space is of."""
+    return (walker_urdf if space is WALKER else ant_urdf)(scales, caption)
