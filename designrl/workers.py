@@ -31,8 +31,6 @@ class ProcessWorkers:
     """
 
     def __init__(self, count: int):
-        if count < 1:
-            raise InputError(f"the number of workers is {count}; it must be at least 1")
         self._count = count
         self._pool: ProcessPoolExecutor | None = None
 

@@ -48,7 +48,7 @@ class Simulator:
             run; the ant has no engine) or "reference".
         network: where it differs from the experiment's (the published original ant).
         lidar: "v2", the paper's, or "v3"; walkers only.
-        workers: processes (reference) or threads (engine).
+        workers: processes (reference) or threads (engine), at least 1.
 
     Use it as a context manager, or `close()` it, to end its worker processes.
     """
@@ -63,6 +63,8 @@ class Simulator:
     ):
         if backend not in BACKENDS:
             raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
+        if workers < 1:
+            raise InputError(f"the number of workers is {workers}; it must be at least 1")
         self.experiment = get_experiment(experiment)
         self.network = network or self.experiment.network
         self.lidar = lidar
