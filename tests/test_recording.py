@@ -1,0 +1,487 @@
+"""Recordings: what is written is what is read, whatever happened to the file in between."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+
+import gymnasium
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.writer import CompressionType, Writer
+
+from designrl.checkpoint import versions
+from designrl.experiments import EXPERIMENTS
+from designrl.policy import Agent
+from designrl.recording import (
+    RecordingError,
+    RunWriter,
+    describe,
+    mcap_file,
+    read,
+    record_rollout,
+    thin,
+)
+from designrl.recording.urdf import body_urdf
+from designrl.simulation.reference import run_episode
+
+EXPERIMENT = EXPERIMENTS["biped-morphology"]
+
+
+def generation(index: int, population: int = 6, rollouts: int = 3) -> dict:
+    """A generation as a training run records it; a function of its index."""
+    rng = np.random.default_rng(index)
+    shape = population, rollouts
+    return {
+        "index": index,
+        "mu": rng.normal(size=EXPERIMENT.num_parameters),
+        "sigma": rng.uniform(0.01, 0.1, EXPERIMENT.num_parameters),
+        "returns": rng.normal(size=shape) * 300,
+        "steps": rng.integers(1, 2000, shape),
+        "seeds": rng.integers(0, 2**63, shape),
+        "seconds": 0.5 * index,
+        "total_steps": 10**9 * (index + 1),
+    }
+
+
+def evaluation(index: int) -> dict:
+    rng = np.random.default_rng([index, 1])
+    return {
+        "index": index,
+        "scores": rng.normal(size=20) * 300,
+        "steps": rng.integers(1, 2000, 20),
+        "seeds": rng.integers(0, 2**63, 20),
+        "kept": index % 2 == 0,
+    }
+
+
+def write_run(path, indices, **kwargs):
+    with RunWriter(path, {"experiment": EXPERIMENT.name, "seed": "7"}, **kwargs) as writer:
+        for index in indices:
+            writer.generation(**generation(index))
+            if index % 5 == 4:
+                writer.evaluation(**evaluation(index))
+
+
+def random_agent(name: str) -> Agent:
+    experiment = EXPERIMENTS[name]
+    parameters = np.random.default_rng(1).normal(size=experiment.num_parameters) * 0.3
+    return Agent(experiment, parameters, metadata={"seed": 1, "versions": versions()})
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "generations.mcap"
+    write_run(path, range(12))
+    return path
+
+
+@pytest.fixture(scope="module")
+def rollout(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rollout") / "rollout.mcap"
+    record_rollout(random_agent("biped-hardcore-morphology"), path, seed=3, metadata={"note": "é"})
+    return path
+
+
+# ------------------------------------------------------------------------------- a run
+
+
+def test_run_reads_back_to_the_bit(run):
+    recording = read(run)
+    assert recording.kind == "run" and recording.complete and recording.problem is None
+    assert recording.metadata == {"experiment": EXPERIMENT.name, "seed": "7"}
+    assert recording.topics == {
+        "/design": 12,
+        "/distribution": 12,
+        "/evaluation": 2,
+        "/returns": 12,
+        "/summary": 12,
+    }
+    assert np.array_equal(recording.generations, np.arange(12))
+    written = [generation(i) for i in range(12)]
+    for field in ("mu", "sigma"):
+        found = recording.array("/distribution", field)
+        assert found.dtype == np.float32
+        assert np.array_equal(found, np.float32([g[field] for g in written]))
+    for field in ("returns", "steps", "seeds"):
+        found = recording.array("/returns", field)
+        assert found.shape == (12, 6, 3)
+        assert np.array_equal(found, [g[field] for g in written])
+    for field in ("seconds", "total_steps"):
+        assert np.array_equal(recording.array("/summary", field), [g[field] for g in written])
+    for field in ("scores", "steps", "seeds"):
+        found = recording.array("/evaluation", field)
+        assert np.array_equal(found, [evaluation(i)[field] for i in (4, 9)])
+    assert recording.array("/evaluation", "kept").tolist() == [True, False]
+    times = recording.array("/summary", "log_time")
+    assert (np.diff(times) >= 0).all() and abs(times[-1] / 1e9 - time.time()) < 600
+
+
+def test_summary_and_design_follow_from_the_distribution(run):
+    recording, space = read(run), EXPERIMENT.design
+    fitness = recording.array("/returns", "returns").mean(axis=2)
+    assert np.array_equal(recording.array("/summary", "mean"), fitness.mean(axis=1))
+    assert np.array_equal(recording.array("/summary", "sd"), fitness.std(axis=1))
+    assert np.array_equal(recording.array("/summary", "best"), fitness.max(axis=1))
+    mu, sigma = (
+        recording.array("/distribution", field)[:, -space.size :].astype(np.float64)
+        for field in ("mu", "sigma")
+    )
+    assert recording.names("/design") == list(space.names)
+    assert recording.unit("/design") == space.unit
+    for field, parameters in (("dimensions", mu), ("lower", mu - sigma), ("upper", mu + sigma)):
+        expected = space.dimensions(space.scales(parameters))
+        assert np.array_equal(recording.array("/design", field), expected)
+
+
+def test_rollouts_per_candidate_may_change_in_a_run(tmp_path):
+    with RunWriter(tmp_path / "run.mcap", {"experiment": EXPERIMENT.name}) as writer:
+        writer.generation(**generation(0, rollouts=1))
+        writer.generation(**generation(1, rollouts=4))
+    found = read(tmp_path / "run.mcap").array("/returns", "returns")
+    assert [a.shape for a in found] == [(6, 1), (6, 4)]
+    assert np.array_equal(found[1], generation(1, rollouts=4)["returns"])
+
+
+def test_other_programs_read_the_file(run):
+    with run.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == 12 * 4 + 2
+        assert len(list(reader.iter_messages(topics=["/summary"]))) == 12
+        assert [m.name for m in reader.iter_metadata()] == ["run", "end"]
+
+
+def test_unknown_topics_and_fields_are_named(run):
+    with pytest.raises(RecordingError, match="no topic '/nonsense'"):
+        read(run).array("/nonsense", "x")
+    with pytest.raises(RecordingError, match="no field 'nonsense'"):
+        read(run).array("/summary", "nonsense")
+
+
+def test_metadata_of_any_kind_is_kept(tmp_path):
+    values = {"experiment": EXPERIMENT.name, "settings": {"a": [1, 2.5]}, "host": "Zürich"}
+    with RunWriter(tmp_path / "run.mcap", values):
+        pass
+    found = read(tmp_path / "run.mcap").metadata
+    assert json.loads(found["settings"]) == values["settings"] and found["host"] == "Zürich"
+
+
+# ---------------------------------------------------------------------- crashes and resumes
+
+
+def test_a_file_is_whole_before_it_is_closed(tmp_path):
+    path = tmp_path / "run.mcap"
+    writer = RunWriter(path, {"experiment": EXPERIMENT.name})
+    for index in range(5):
+        writer.generation(**generation(index))
+        writer.flush()
+        with path.open("rb") as file:
+            assert make_reader(file).get_summary().statistics.message_count == 4 * (index + 1)
+        recording = read(path)
+        assert recording.problem is None and not recording.complete
+        assert recording.generations[-1] == index
+    assert "incomplete (the run has not ended, or was killed): it goes up to generation 4" in (
+        describe(path)
+    )
+    writer.close()
+    writer.close()
+    assert read(path).complete and "incomplete" not in describe(path)
+
+
+def test_a_killed_process_leaves_a_readable_file(tmp_path):
+    path = tmp_path / "run.mcap"
+    script = (
+        "import sys, time; sys.path[:0] = ['tests']\n"
+        "from test_recording import *\n"
+        f"writer = RunWriter({str(path)!r}, {{'experiment': EXPERIMENT.name}})\n"
+        "for index in range(10**6):\n"
+        "    writer.generation(**generation(index)); writer.flush()\n"
+        "    print(index, flush=True)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    done = [int(process.stdout.readline()) for _ in range(40)][-1]
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    recording = read(path)
+    assert recording.generations[-1] >= done
+    assert np.array_equal(recording.generations, np.arange(len(recording.generations)))
+
+
+@pytest.mark.parametrize("kind", ["run", "rollout"])
+def test_cut_anywhere_a_file_is_read_up_to_there(kind, run, rollout, tmp_path):
+    source = {"run": run, "rollout": rollout}[kind]
+    data, whole, path = source.read_bytes(), read(source), tmp_path / "cut.mcap"
+    topic, field = ("/returns", "returns") if kind == "run" else ("/observation", "values")
+    expected = whole.array(topic, field)
+    lengths = set()
+    for cut in np.random.default_rng(0).integers(0, len(data), 200):
+        path.write_bytes(data[:cut])
+        try:
+            recording = read(path)
+        except RecordingError as error:
+            assert cut < 8 and "not an MCAP file" in str(error)
+            continue
+        assert recording.problem and not recording.complete
+        assert "incomplete" in describe(path)
+        found = recording.array(topic, field) if recording.topics.get(topic) else expected[:0]
+        assert np.array_equal(found, expected[: len(found)])
+        lengths.add(len(found))
+    assert len(lengths) > 1
+
+
+def test_damaged_bytes_never_crash_the_reader(run, tmp_path):
+    data, rng, path = run.read_bytes(), np.random.default_rng(0), tmp_path / "damaged.mcap"
+    for _ in range(200):
+        damaged = bytearray(data)
+        for position in rng.integers(8, len(data), 3):
+            damaged[position] = rng.integers(256)
+        path.write_bytes(damaged)
+        describe(path)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_that_lies_about_its_size_takes_no_memory(compression, monkeypatch):
+    bomb = bytes(2**26)
+    compress = zstandard.compress if compression == "zstd" else lz4.frame.compress
+    chunk = Chunk(compression, compress(bomb), 0, 0, 0, 1000)
+    with pytest.raises(mcap_file._DamageError, match="does not match"):
+        mcap_file._decompress(chunk)
+    chunk.uncompressed_size = 2**40
+    with pytest.raises(mcap_file._DamageError, match="absurd size"):
+        mcap_file._decompress(chunk)
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize("use_chunking", [True, False])
+def test_files_of_other_writers_are_described(compression, use_chunking, tmp_path):
+    path = tmp_path / "other.mcap"
+    writer = Writer(str(path), compression=compression, use_chunking=use_chunking)
+    writer.start()
+    schema = writer.register_schema("other.Thing", "jsonschema", b"{}")
+    channel = writer.register_channel("/thing", "json", schema)
+    for i in range(3):
+        writer.add_message(channel, i, b"{}", i)
+    writer.finish()
+    assert "MCAP file of another program" in describe(path)
+    assert read(path).topics == {"/thing": 3}
+    with pytest.raises(RecordingError, match="unknown type other.Thing"):
+        list(read(path).messages("/thing"))
+
+
+@pytest.mark.parametrize("resume", [0, 1, 5, 12, 20])
+def test_a_resumed_run_has_every_generation_once(resume, run, tmp_path):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(run.read_bytes())
+    stop = max(resume, 12) + 3
+    write_run(path, range(resume, stop), resume_generation=resume)
+    recording = read(path)
+    kept = min(resume, 12)
+    expected = [*range(kept), *range(resume, stop)]
+    assert recording.generations.tolist() == expected
+    found = recording.array("/returns", "returns")
+    assert np.array_equal(found, [generation(i)["returns"] for i in expected])
+    evaluated = recording.array("/evaluation", "generation").tolist()
+    assert evaluated == [i for i in expected if i % 5 == 4]
+    names = [name for name, _ in recording.metadata_records]
+    assert names == ["run", "resumed", "end"] and recording.metadata["seed"] == "7"
+    times = recording.array("/summary", "log_time")
+    assert (np.diff(times) >= 0).all()
+
+
+def test_a_run_resumes_from_a_file_that_was_cut(run, tmp_path):
+    data, path = run.read_bytes(), tmp_path / "run.mcap"
+    for cut in np.random.default_rng(1).integers(8, len(data), 10):
+        path.write_bytes(data[:cut])
+        held = len(read(path).generations)
+        resume = min(held, 6)
+        write_run(path, range(resume, 8), resume_generation=resume)
+        assert read(path).generations.tolist() == list(range(8)) and read(path).complete
+
+
+def test_a_resume_that_fails_leaves_the_old_file(run, tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(run.read_bytes())
+    monkeypatch.setattr(os, "pwrite", _full_disk(after=20_000))
+    with pytest.raises(RecordingError, match="No space left on device"):
+        RunWriter(path, {"experiment": EXPERIMENT.name}, resume_generation=9)
+    assert path.read_bytes() == run.read_bytes()
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def _full_disk(after: int):
+    """os.pwrite on a disk that has room for so many bytes of the file."""
+    pwrite = os.pwrite
+
+    def write(descriptor, data, offset):
+        room = after - offset
+        if room <= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return pwrite(descriptor, bytes(data)[:room], offset)
+
+    return write
+
+
+def test_a_full_disk_is_one_sentence_and_costs_no_generation(tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    monkeypatch.setattr(os, "pwrite", _full_disk(after=150_000))
+    done = -1
+    with (
+        pytest.raises(RecordingError, match=r"cannot be written \(No space left on device\)"),
+        RunWriter(path, {"experiment": EXPERIMENT.name}) as writer,
+    ):
+        for index in range(100):
+            writer.generation(**generation(index))
+            writer.flush()
+            done = index
+    assert done >= 3
+    recording = read(path)
+    assert recording.problem is None and recording.generations[-1] == done
+    with path.open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == 4 * (done + 1)
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match="file/run.mcap cannot be written"):
+        RunWriter(tmp_path / "file" / "run.mcap", {})
+
+
+# ----------------------------------------------------------------------------- thinning
+
+
+def test_thinning_drops_generations_and_rounds_nothing(run, tmp_path):
+    thin(run, tmp_path / "thin.mcap", every=5)
+    whole, thinned = read(run), read(tmp_path / "thin.mcap")
+    kept = [0, 4, 5, 9, 10, 11]
+    assert thinned.array("/distribution", "generation").tolist() == kept
+    for field in ("mu", "sigma"):
+        assert np.array_equal(
+            thinned.array("/distribution", field), whole.array("/distribution", field)[kept]
+        )
+    assert np.array_equal(
+        thinned.array("/returns", "returns"), whole.array("/returns", "returns")[kept]
+    )
+    assert np.array_equal(thinned.array("/summary", "mean"), whole.array("/summary", "mean"))
+    assert np.array_equal(
+        thinned.array("/evaluation", "scores"), whole.array("/evaluation", "scores")
+    )
+    record = dict(thinned.metadata_records)["thinned"]
+    assert (record["every"], record["kept_generations"], record["of_generations"]) == (
+        "5",
+        "6",
+        "12",
+    )
+    assert thinned.complete and "thinned" in describe(tmp_path / "thin.mcap")
+    assert thinned.metadata == whole.metadata
+
+
+def test_only_runs_are_thinned(rollout, tmp_path):
+    with pytest.raises(RecordingError, match="not the recording of a run"):
+        thin(rollout, tmp_path / "thin.mcap", every=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---------------------------------------------------------------------------- rollouts
+
+
+@pytest.mark.parametrize("name", ["biped", "biped-hardcore-morphology", "ant-morphology"])
+def test_a_rollout_is_the_episode_that_an_evaluation_runs(name, tmp_path):
+    agent, path = random_agent(name), tmp_path / "rollout.mcap"
+    score = record_rollout(agent, path, seed=5, metadata={"note": "é"})
+    env = gymnasium.make(agent.experiment.env_id)
+    expected, steps = run_episode(env, agent, 5)
+    assert score == expected
+
+    recording = read(path)
+    assert recording.kind == "rollout" and recording.complete
+    assert recording.metadata["experiment"] == name and recording.metadata["note"] == "é"
+    assert float(recording.metadata["score"]) == score
+    assert json.loads(recording.metadata["agent"])["seed"] == 1
+    assert recording.array("/reward", "total")[-1] == score
+    assert np.allclose(
+        recording.array("/reward", "terms").sum(axis=1), recording.array("/reward", "reward")
+    )
+
+    # The same episode again, compared with what was recorded of it.
+    agent.reset(5)
+    observation, _ = env.reset(seed=5, options={"design": agent.body})
+    observations, actions = [], []
+    for t in range(steps):
+        observations.append(observation)
+        actions.append(agent.act(observation, t))
+        observation, *_ = env.step(actions[-1])
+    assert np.array_equal(recording.array("/observation", "values"), observations)
+    assert np.array_equal(recording.array("/action", "values"), actions)
+    assert len(recording.names("/observation")) == len(observation)
+    for topic in ("/action", "/joints"):
+        assert recording.names(topic) == recording.names("/action")
+    angles = recording.array("/joints", "angles")
+    inner = env.unwrapped
+    last = inner.joint_angles if name.startswith("ant") else [j.angle for j in inner.joints]
+    assert angles[-1].tolist() == list(last)
+    assert recording.array("/contacts", "touching").dtype == bool
+    assert recording.topics["/tf"] == steps + 1
+    env.close()
+
+
+def test_poses_put_the_body_where_it_is(tmp_path):
+    from designrl.recording.bodies import make_body, relative, rotate
+
+    agent = random_agent("biped-morphology")
+    env = gymnasium.make(agent.experiment.env_id, design=agent.body)
+    env.reset(seed=0)
+    for _ in range(30):
+        env.step(env.action_space.sample())
+    inner = env.unwrapped
+    poses = make_body(env).poses()
+    heights = EXPERIMENT.design.dimensions(agent.body)[1::2] / 30
+    for part, body, height in zip(list(poses)[1:], inner.legs, heights, strict=True):
+        place, turn = poses[part]
+        middle = place + rotate(turn, np.array([0, 0, -height / 2]))
+        assert np.allclose(middle[[0, 2]], body.position, atol=1e-6)
+    place, turn = relative(poses["hull"], poses["top leg 1"])
+    assert np.allclose(place, [0, 0, -8 / 30], atol=0.02)  # Box2D's joints give way a little
+    assert np.isclose(2 * np.arctan2(-turn[1], turn[3]), inner.legs[0].angle - inner.hull.angle)
+
+
+def test_terrain_holds_the_course_with_its_obstacles(rollout):
+    terrain = next(read(rollout).messages("/terrain"))
+    assert len(terrain.x) == 200 and len(terrain.obstacles) > 5
+    env = gymnasium.make("designrl/BipedalWalkerHardcore-v0")
+    env.reset(seed=3)
+    assert list(terrain.x) == list(env.unwrapped.terrain_x)
+    assert np.array_equal(terrain.z, env.unwrapped.terrain_y)
+    boxes = np.array([(o.x_max - o.x_min, o.z_max - o.z_min) for o in terrain.obstacles])
+    assert (boxes > 0.4).all() and (boxes < 2.0).all()
+
+
+@pytest.mark.parametrize("name", ["biped", "ant"])
+def test_the_body_is_an_urdf_with_the_papers_names(name):
+    space = EXPERIMENTS[name].body
+    scales = np.linspace(0.3, 1.7, space.size)
+    robot = ElementTree.fromstring(body_urdf(space, scales, "caption -- with dashes"))
+    links = {link.get("name") for link in robot.iter("link")}
+    parts = {name.rsplit(" ", 1)[0] for name in space.names}
+    assert parts <= links
+    children = [joint.find("child").get("link") for joint in robot.iter("joint")]
+    assert sorted(children) == sorted(links - {"world"})  # a tree that hangs on the world
+    if name == "biped":
+        size = robot.find("link[@name='bottom leg 2']/visual/geometry/box").get("size").split()
+        expected = space.dimensions(scales)[6:] / 30
+        assert np.allclose([float(size[0]), float(size[2])], expected)
+
+
+def test_a_rollout_that_fails_leaves_no_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "pwrite", _full_disk(after=1000))
+    with pytest.raises(RecordingError, match="No space left"):
+        record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=0)
+    assert list(tmp_path.iterdir()) == []
