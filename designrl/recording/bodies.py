@@ -19,7 +19,8 @@ GROUND_HALF_WIDTH = 1.0  # m; the ground of a two-dimensional world is drawn thi
 GROUND_ROWS = 9  # lines across that width
 GROUND_REFRESH = 1.0  # m that a body moves before the ground near it is recorded again
 
-Pose = tuple[np.ndarray, np.ndarray]  # position (3,) in m, rotation (4,): quaternion x, y, z, w
+# Positions (n, 3) in m and rotations (n, 4), quaternions x, y, z, w, of n parts.
+Poses = tuple[np.ndarray, np.ndarray]
 
 
 def make_body(env) -> "WalkerBody | AntBody":
@@ -29,24 +30,25 @@ def make_body(env) -> "WalkerBody | AntBody":
 
 
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The vector v (3,) turned by the unit quaternion q (x, y, z, w)."""
-    u = q[:3]
-    return v + 2.0 * _cross(u, _cross(u, v) + q[3] * v)
+    """The vectors v (..., 3) turned by the unit quaternions q (..., 4)."""
+    u = q[..., :3]
+    return v + 2.0 * _cross(u, _cross(u, v) + q[..., 3:] * v)
 
 
-def relative(parent: Pose, child: Pose) -> Pose:
-    """The child's pose as its parent sees it; both are given in the world."""
-    (p, q), (r, s) = parent, child
+def relative(parents: Poses, children: Poses) -> Poses:
+    """Each child's pose as its parent sees it; both are given in the world."""
+    (p, q), (r, s) = parents, children
     inverse = q * (-1, -1, -1, 1)
-    vector = inverse[3] * s[:3] + s[3] * inverse[:3] + _cross(inverse[:3], s[:3])
-    return rotate(inverse, r - p), np.append(vector, inverse[3] * s[3] - inverse[:3] @ s[:3])
+    a, b, x, y = inverse[..., :3], s[..., :3], inverse[..., 3:], s[..., 3:]
+    vector = x * b + y * a + _cross(a, b)
+    scalar = x * y - (a * b).sum(axis=-1, keepdims=True)
+    return rotate(inverse, r - p), np.concatenate([vector, scalar], axis=-1)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    # np.cross takes 20 times as long on vectors this small.
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+    # np.cross takes five times as long on arrays this small.
+    (x, y, z), (u, v, w) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 class WalkerBody:
@@ -69,24 +71,22 @@ class WalkerBody:
         self.parents = WALKER_TREE
         self.observation_names, self.joint_names = OBSERVATIONS, JOINTS
         self.contact_names = ("bottom leg 1", "bottom leg 2")
-        self._heights = (0.0, *(WALKER.dimensions(env.design)[1::2] / SCALE).tolist())
+        self._heights = np.append(0.0, WALKER.dimensions(env.design)[1::2] / SCALE)  # m
 
     def urdf(self, caption: str) -> str:
         """The body as a URDF robot."""
         return walker_urdf(self.env.design, caption)
 
-    def poses(self) -> dict[str, Pose]:
-        """Part -> pose of its frame, which is where it hangs on its parent."""
-        found = {}
+    def poses(self) -> Poses:
+        """Poses of the parts' frames, which are where each hangs on its parent."""
         bodies = [self.env.hull, *self.env.legs]
-        for part, body, height in zip(self.parents, bodies, self._heights, strict=True):
-            (x, z), angle = body.position, body.angle
-            up = height / 2  # from the middle of a leg's part, where Box2D has its origin
-            found[part] = (
-                np.array([x - math.sin(angle) * up, 0.0, z + math.cos(angle) * up]),
-                np.array([0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2)]),
-            )
-        return found
+        x, z, angle = np.array([(*body.position, body.angle) for body in bodies]).T
+        positions, rotations = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 4))
+        # Box2D has its origin in the middle of a leg's part.
+        positions[:, 0] = x - np.sin(angle) * self._heights / 2
+        positions[:, 2] = z + np.cos(angle) * self._heights / 2
+        rotations[:, 1], rotations[:, 3] = -np.sin(angle / 2), np.cos(angle / 2)
+        return positions, rotations
 
     def joints(self) -> tuple[list[float], list[float], list[float]]:
         """Angle, speed and motor torque of each joint."""
@@ -156,9 +156,10 @@ class AntBody:
         """The body as a URDF robot."""
         return ant_urdf(self.env.design, caption)
 
-    def poses(self) -> dict[str, Pose]:
-        """Part -> pose of its frame, which is where it hangs on its parent."""
-        return {name: (np.array(p), np.array(q)) for name, p, q in self.env.body_poses()}
+    def poses(self) -> Poses:
+        """Poses of the parts' frames, which are where each hangs on its parent."""
+        _, positions, rotations = zip(*self.env.body_poses(), strict=True)
+        return np.array(positions), np.array(rotations)
 
     def joints(self) -> tuple[list[float], list[float], list[float]]:
         """Angle, speed and torque of each joint."""

@@ -102,21 +102,20 @@ class McapFile:
         self._writer.add_metadata(name, values)
 
     def channel(
-        self,
-        topic: str,
-        schema: Callable[[], tuple[str, str, bytes]],
-        metadata: dict[str, str] | None = None,
+        self, topic: str, define: Callable[[], tuple[str, str, bytes, dict[str, str]]]
     ) -> int:
-        """The id of a topic's channel; schema gives (name, encoding, definition)."""
+        """The id of a topic's channel.
+
+        Args:
+            define: gives name, encoding and definition of its messages and the channel's metadata;
+                called the first time only.
+        """
         if topic not in self._channels:
-            name, encoding, definition = schema()
+            name, encoding, definition, about = define()
             if name not in self._schemas:
                 self._schemas[name] = self._writer.register_schema(name, encoding, definition)
             self._channels[topic] = self._writer.register_channel(
-                topic,
-                "cdr" if encoding == "ros2msg" else encoding,
-                self._schemas[name],
-                metadata or {},
+                topic, "cdr" if encoding == "ros2msg" else encoding, self._schemas[name], about
             )
         return self._channels[topic]
 

@@ -20,10 +20,12 @@ RUN, ROLLOUT, END, RESUMED, THINNED = "run", "rollout", "end", "resumed", "thinn
 HEAVY_TOPICS = ("/distribution", "/returns")  # all but a hundredth of a run's bytes
 
 
-def protobuf_schema(message_class) -> tuple[str, str, bytes]:
-    """Name, encoding and definition of a message, as MCAP wants them."""
-    definition = build_file_descriptor_set(message_class).SerializeToString()
-    return message_class.DESCRIPTOR.full_name, "protobuf", definition
+def protobuf_schema(kind, names=(), unit: str = "") -> tuple[str, str, bytes, dict[str, str]]:
+    """Name, encoding and definition of a message, and what the channel says of its arrays."""
+    definition = build_file_descriptor_set(kind).SerializeToString()
+    about = {"names": json.dumps(list(names)), "unit": unit}
+    about = {key: value for key, value in about.items() if value not in ("", "[]")}
+    return kind.DESCRIPTOR.full_name, "protobuf", definition, about
 
 
 def as_text(values: dict) -> dict[str, str]:
@@ -76,10 +78,10 @@ class RunWriter:
             self._file.abandon()
             raise
 
-    def _write(self, topic: str, message, metadata: dict[str, str] | None = None) -> None:
+    def _write(self, topic: str, message, names=(), unit: str = "") -> None:
         # A wall clock may be set back; readers want times that never decrease.
         self._log_time = max(time.time_ns(), self._log_time)
-        channel = self._file.channel(topic, lambda: protobuf_schema(type(message)), metadata)
+        channel = self._file.channel(topic, lambda: protobuf_schema(type(message), names, unit))
         data = message.SerializeToString()
         self._file.message(channel, self._log_time, message.generation, data)
 
@@ -139,7 +141,8 @@ class RunWriter:
                     lower=one.tolist(),
                     upper=other.tolist(),
                 ),
-                {"names": json.dumps(self._design.names), "unit": self._design.unit},
+                self._design.names,
+                self._design.unit,
             )
         self._write(
             "/distribution",
@@ -210,7 +213,8 @@ def _copy(target: McapFile, source: Path, keep) -> int:
     for channel in found.channels.values():
         old = found.schemas[channel.schema_id]
         ids[channel.id] = target.channel(
-            channel.topic, lambda old=old: (old.name, old.encoding, old.data), channel.metadata
+            channel.topic,
+            lambda old=old, about=channel.metadata: (old.name, old.encoding, old.data, about),
         )
     count = 0
     for message in messages(found, set(ids)):
@@ -287,11 +291,13 @@ class RolloutWriter:
 
     def __init__(self, path: str | Path, env, metadata: dict):
         self._body = make_body(env)
+        parts = list(self._body.parents)
+        self._parent_indices = [parts.index(p) for p in list(self._body.parents.values())[1:]]
         self._metadata = dict(metadata)
         self._step, self._total, self._shown_at = 0, 0.0, None
         self._file = McapFile(path)
         description = self._body.urdf(_caption(metadata))
-        string = ("std_msgs/msg/String", "ros2msg", b"string data\n")
+        string = ("std_msgs/msg/String", "ros2msg", b"string data\n", {})
         channel = self._file.channel("/robot_description", lambda: string)
         self._file.message(channel, 0, 0, _cdr_string(description))
         terrain = self._body.terrain()
@@ -303,9 +309,8 @@ class RolloutWriter:
             self._write("/terrain", message, 0)
         self._write_poses()
 
-    def _write(self, topic: str, message, time_ns: int, **names) -> None:
-        names = {key: value if key == "unit" else json.dumps(value) for key, value in names.items()}
-        channel = self._file.channel(topic, lambda: protobuf_schema(type(message)), names)
+    def _write(self, topic: str, message, time_ns: int, names=()) -> None:
+        channel = self._file.channel(topic, lambda: protobuf_schema(type(message), names))
         self._file.message(channel, time_ns, self._step, message.SerializeToString())
 
     def _now(self) -> int:
@@ -313,21 +318,21 @@ class RolloutWriter:
 
     def _write_poses(self) -> None:
         now = self._now()
-        poses = self._body.poses()
+        positions, rotations = self._body.poses()
+        place = positions[0].copy()
+        parents = self._parent_indices
+        hanging = (positions[parents], rotations[parents]), (positions[1:], rotations[1:])
+        positions[1:], rotations[1:] = relative(*hanging)
         message = FrameTransforms()
-        for part, parent in self._body.parents.items():
-            p, q = poses[part] if parent == "world" else relative(poses[parent], poses[part])
+        for (part, parent), p, q in zip(
+            self._body.parents.items(), positions.tolist(), rotations.tolist(), strict=True
+        ):
             transform = message.transforms.add(parent_frame_id=parent, child_frame_id=part)
             transform.timestamp.FromNanoseconds(now)
-            transform.translation.x, transform.translation.y, transform.translation.z = p
-            (
-                transform.rotation.x,
-                transform.rotation.y,
-                transform.rotation.z,
-                transform.rotation.w,
-            ) = q
+            t, r = transform.translation, transform.rotation
+            t.x, t.y, t.z = p
+            r.x, r.y, r.z, r.w = q
         self._write("/tf", message, now)
-        place = poses[next(iter(poses))][0]
         if self._shown_at is None or math.dist(place, self._shown_at) > GROUND_REFRESH:
             self._shown_at = place
             self._write("/ground", _point_cloud(*self._body.ground_near(place), now), now)

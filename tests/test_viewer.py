@@ -1,0 +1,210 @@
+"""Replay: the layout and the data without a window, and true pictures where there is a driver."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun_cli
+from PIL import Image
+from test_recording import random_agent, write_run
+
+from designrl import viewer
+from designrl.errors import InputError
+from designrl.recording import read, record_rollout
+from designrl.recording.mcap_file import McapFile
+
+RERUN = Path(rerun_cli.__file__).with_name("rerun")
+
+
+def rerun(*arguments) -> subprocess.CompletedProcess:
+    """Run stock Rerun; its messages come back in stdout."""
+    return subprocess.run(
+        [RERUN, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=60,
+    )
+
+
+def stock_picture(recording: Path, folder: Path) -> np.ndarray:
+    """What `rerun FILE` shows, with no code of ours: (H, W, 3) uint8."""
+    target = folder / f"{recording.stem}.png"
+    done = rerun(recording, "--headless", "--screenshot-to", target, "--window-size", "1280x800")
+    if not target.exists():
+        pytest.skip(f"no Vulkan driver for Rerun's viewer here: {done.stdout[-300:]}")
+    return np.array(Image.open(target).convert("RGB").resize((1280, 800)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The folder of a run: its recording and two rollouts."""
+    folder = tmp_path_factory.mktemp("seed0")
+    write_run(folder / "generations.mcap", range(12))
+    for generation_index in (5, 10):
+        path = folder / "rollouts" / f"generation{generation_index:05d}.mcap"
+        record_rollout(random_agent("biped-morphology"), path, seed=generation_index)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ant(tmp_path_factory):
+    path = tmp_path_factory.mktemp("ant") / "ant.mcap"
+    record_rollout(random_agent("ant-morphology"), path, seed=0)
+    return path
+
+
+def logged(path: Path) -> dict[str, set[str]]:
+    """Entity -> components, of an .rrd file as Rerun's own command prints it."""
+    text = rerun("rrd", "print", path).stdout
+    found: dict[str, set[str]] = {}
+    for entity, columns in re.findall(r"\) - (/.*?) - data columns: \[(.*?)\]", text):
+        found.setdefault(entity.replace("\\", ""), set()).update(columns.split())
+    return found
+
+
+# --------------------------------------------------------------------- without a window
+
+
+def test_a_runs_folder_opens_both(folder, tmp_path):
+    found = viewer.find_recordings([folder])
+    assert [path.name for path in found] == [
+        "generations.mcap",
+        "generation00005.mcap",
+        "generation00010.mcap",
+    ]
+    target = tmp_path / "all.rrd"
+    viewer.replay([folder], save=target)
+    entities = logged(target)
+    for entity in (
+        "/generations/learning/population",
+        "/generations/learning/evaluation",
+        "/generations/sigma",
+        "/generations/design/leg 1",
+        "/generations/figure/mean/hull/top leg 1/bottom leg 1",
+        "/generation00005/world/hull/top leg 2/bottom leg 2",
+        "/generation00010/world/lidar",
+        "/generation00010/reward",
+    ):
+        assert entity in entities, entity
+    assert "Scalars:scalars" in entities["/generation00010/joints"]
+    assert "Transform3D:quaternion" in entities["/generation00005/world/hull"]
+
+
+def test_an_ant_is_replayed(ant, tmp_path):
+    viewer.replay([ant], save=tmp_path / "ant.rrd")
+    entities = logged(tmp_path / "ant.rrd")
+    leg = "/ant/world/torso/front left top/front left middle/front left bottom"
+    assert leg in entities and f"{leg}/cylinder" in entities and "/ant/world/lidar" not in entities
+
+
+def test_files_of_one_name_stay_apart(folder, tmp_path):
+    path = folder / "rollouts" / "generation00005.mcap"
+    names = viewer.unique_names([path, path, folder / "generations.mcap"])
+    assert len(set(names)) == 3 and names[2] == "generations"
+
+
+def test_many_rollouts_are_thinned_evenly(tmp_path, capsys):
+    (tmp_path / "rollouts").mkdir()
+    for i in range(20):
+        (tmp_path / "rollouts" / f"generation{i:05d}.mcap").touch()
+    found = viewer.find_recordings([tmp_path])
+    assert len(found) == viewer.MAX_ROLLOUTS
+    assert found[0].stem.endswith("00") and found[-1].stem.endswith("19")
+    assert "of 20 rollouts" in capsys.readouterr().err
+
+
+def test_limbs_are_the_papers():
+    from designrl.design import ANT, WALKER
+
+    assert viewer.limbs(WALKER.names) == {"leg 1": [0, 1, 2, 3], "leg 2": [4, 5, 6, 7]}
+    assert list(viewer.limbs(ANT.names)) == ["front left", "front right", "back left", "back right"]
+
+
+def test_urdf_angles_become_the_right_rotation():
+    from designrl.recording.bodies import rotate
+
+    q = np.array(viewer._quaternion(0, np.pi / 2, np.pi / 4))
+    assert np.allclose(rotate(q, np.array([0, 0, 1.0])), [np.sqrt(0.5), np.sqrt(0.5), 0])
+
+
+def test_a_recording_that_was_cut_is_replayed(folder, tmp_path):
+    data = (folder / "generations.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * 0.9)])
+    assert not read(tmp_path / "cut.mcap").complete
+    viewer.replay([tmp_path / "cut.mcap"], save=tmp_path / "cut.rrd")
+    assert "/cut/figure/mean/hull" in logged(tmp_path / "cut.rrd")
+
+
+@pytest.mark.parametrize("case", ["no file", "no recordings", "not an MCAP file", "other program"])
+def test_what_cannot_be_opened_is_named(case, tmp_path):
+    path = tmp_path / "x.mcap"
+    if case == "no recordings":
+        path.mkdir()
+    elif case == "not an MCAP file":
+        path.write_bytes(b"nonsense")
+    elif case == "other program":
+        file = McapFile(path)
+        file.publish()
+        file.close()
+    with pytest.raises(InputError, match="x.mcap"):
+        viewer.replay([path], save=tmp_path / "x.rrd")
+
+
+def test_a_place_that_cannot_be_written_is_named(folder, tmp_path):
+    with pytest.raises(InputError, match="cannot be written"):
+        viewer.replay([folder / "generations.mcap"], save=folder / "generations.mcap" / "x.rrd")
+
+
+# ------------------------------------------------------------------------- stock Rerun
+
+
+def test_rerun_finds_nothing_to_say(folder, ant):
+    for path in (folder / "generations.mcap", folder / "rollouts" / "generation00005.mcap", ant):
+        for options in ([], ["--full"]):
+            done = rerun("mcap", "check", *options, path)
+            assert done.returncode == 0, done.stdout
+            rows = [
+                line.split() for line in done.stdout.splitlines() if "/" in line and "─" not in line
+            ]
+            topics = [row for row in rows if len(row) > 3 and row[3].startswith("/")]
+            assert len(topics) == len(read(path).topics)
+            assert all(row[0] == "ok" and row[-1] == "—" for row in topics), done.stdout
+
+
+def _share(picture: np.ndarray, low, high) -> float:
+    """Share of the pixels between two colors (3,), in %."""
+    return 100 * ((picture >= low) & (picture <= high)).all(axis=2).mean()
+
+
+@pytest.mark.parametrize("kind", ["walker", "ant"])
+def test_stock_rerun_draws_the_body_on_its_ground(kind, folder, ant, tmp_path):
+    source = ant if kind == "ant" else folder / "rollouts" / "generation00010.mcap"
+    empty = tmp_path / "empty.mcap"
+    file = McapFile(empty)
+    file.publish()
+    file.close()
+    picture, nothing = stock_picture(source, tmp_path), stock_picture(empty, tmp_path)
+    assert np.abs(picture.astype(int) - nothing).max(axis=2).mean() > 1.0
+    ground = (60, 110, 50), (130, 200, 120)
+    assert _share(picture, *ground) > 0.2 > _share(nothing, *ground)
+    if kind == "walker":
+        hull = (60, 30, 120), (170, 120, 255)  # the viewer shades it
+        assert _share(picture, *hull) > 0.1 > _share(nothing, *hull)
+
+
+def test_a_picture_shows_body_ground_and_plots(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(viewer, "NOTICES_SECONDS", 1.5)
+    target = tmp_path / "picture.png"
+    try:
+        viewer.replay([folder / "rollouts" / "generation00010.mcap"], screenshot=target)
+    except InputError as error:
+        pytest.skip(str(error))
+    picture = np.array(Image.open(target).convert("RGB"))
+    assert picture.shape == (1000, 1600, 3)
+    assert _share(picture, (80, 130, 70), (130, 200, 120)) > 5  # ground
+    assert _share(picture, (90, 55, 140), (180, 130, 255)) > 0.3  # hull
+    assert _share(picture, (200, 200, 240), (230, 230, 255)) > 20  # sky
+    assert _share(picture[650:], (70, 160, 210), (100, 200, 250)) > 0.02  # the first lines' blue
