@@ -1,8 +1,10 @@
 import gc
+import json
 import pickle
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -315,6 +317,37 @@ def test_wrong_arguments_are_refused():
     for action in (np.zeros(7), np.full(8, np.nan)):
         with pytest.raises(ValueError, match="8 finite numbers"):
             env.unwrapped.step(action)
+
+
+class Angles:
+    """Stands in for the environment's random numbers: the angles at the start."""
+
+    def __init__(self, angles):
+        self.angles = np.array(angles)
+
+    def uniform(self, low, high, size):
+        return self.angles
+
+
+def test_the_first_steps_are_those_of_roboschool():
+    # Made by tests/data/make_roboschool_ant.py, on bodies original, thin and of mixed sizes; each
+    # episode has feet that touch the ground, one at a time.
+    path = Path(__file__).parent / "data" / "roboschool_ant.json"
+    worst = []
+    for episode in json.loads(path.read_text()):
+        env = Ant(design=episode["scales"])
+        env._np_random = Angles(episode["angles"])
+        observations, rewards = [env.reset()[0]], []
+        for action in episode["actions"]:
+            observation, reward, *_ = env.step(action)
+            observations.append(observation)
+            rewards.append(reward)
+        error = np.abs(np.array(observations) - episode["observations"]).max()
+        worst.append(max(error, np.abs(np.array(rewards) - episode["rewards"]).max()))
+        assert np.array(observations)[:, -len(FEET) :].any()
+    assert len(worst) == 12
+    assert np.median(worst) < 1e-5
+    assert max(worst) < 1e-3  # a speed right after a contact; rounding has grown by then
 
 
 @pytest.mark.parametrize(

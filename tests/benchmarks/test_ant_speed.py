@@ -1,0 +1,130 @@
+"""Steps per second of the ant, as ratios to bare stepSimulation in the same run.
+
+    make bench
+
+The bare baseline applies the torques of the very same episode and steps (4 substeps of Bullet), but
+reads nothing: it goes through the same states, to the bit. Each round of a benchmark runs the
+baseline just before, and the ratio is the median over the rounds, so that a machine whose speed
+drifts still gives the same ratio. 1 is as fast as Bullet alone.
+"""
+
+import statistics
+import time
+
+import gymnasium
+import numpy as np
+import pybullet
+import pytest
+
+import designrl  # noqa: F401
+from designrl.envs.ant import Ant
+from designrl.experiments import get_experiment
+from designrl.policy import Agent
+from designrl.simulation.reference import run_episode
+
+STEPS = 1000
+ROUNDS = 9
+
+
+def hold(observation, rng):
+    """Random actions of an ant that stands: the joints' middles, and noise."""
+    return rng.uniform(-1, 1, 8) - observation[8:24:2] - observation[9:24:2]
+
+
+@pytest.fixture(scope="module")
+def episode():
+    """(actions, torques) of STEPS steps on its feet."""
+    env, rng = Ant(), np.random.default_rng(0)
+    observation, _ = env.reset(seed=0)
+    actions, torques = [], []
+    for _ in range(STEPS):
+        actions.append(hold(observation, rng))
+        observation, _, terminated, _, _ = env.step(actions[-1])
+        torques.append(env.torques)
+        assert not terminated
+    assert sum(env.foot_contacts) > 0
+    return actions, torques
+
+
+def bare(env, torques):
+    """Bullet alone on the episode's torques."""
+    ant, joints, client = env._ant, env._joints, env._client
+    for forces in torques:
+        pybullet.setJointMotorControlArray(
+            ant, joints, pybullet.TORQUE_CONTROL, forces=forces, physicsClientId=client
+        )
+        pybullet.stepSimulation(physicsClientId=client)
+
+
+def step(env, actions):
+    for action in actions:
+        env.step(action)
+
+
+def measure(benchmark, function, env, argument, torques):
+    """Benchmark `function(env, argument)`, with bare Bullet beside each round."""
+    world = Ant()
+    bare_seconds = []
+
+    def before():
+        world.reset(seed=0)
+        start = time.perf_counter()
+        bare(world, torques)
+        bare_seconds.append(time.perf_counter() - start)
+        env.reset(seed=0)
+        return (env, argument), {}
+
+    benchmark.pedantic(function, setup=before, rounds=ROUNDS, warmup_rounds=1)
+    ratios = [
+        alone / ours
+        for alone, ours in zip(bare_seconds[1:], benchmark.stats.stats.data, strict=True)
+    ]
+    benchmark.extra_info["steps_per_second"] = round(len(torques) / benchmark.stats.stats.median)
+    benchmark.extra_info["of_bare_stepping"] = round(statistics.median(ratios), 3)
+
+
+@pytest.mark.benchmark(group="ant environment")
+def test_bare_step_simulation(benchmark, episode):
+    measure(benchmark, bare, Ant(), episode[1], episode[1])
+
+
+@pytest.mark.benchmark(group="ant environment")
+def test_ant(benchmark, episode):
+    actions, torques = episode
+    measure(benchmark, step, gymnasium.make("designrl/Ant-v0").unwrapped, actions, torques)
+    assert benchmark.extra_info["of_bare_stepping"] >= 0.7  # the aim is 0.75
+
+
+@pytest.mark.benchmark(group="ant environment")
+def test_ant_with_policy(benchmark, episode):
+    class StandingAgent(Agent):
+        """Pays for a policy, and acts as in the recorded episode."""
+
+        def act(self, observation, t=0):
+            super().act(observation, t)
+            return actions[t]
+
+    actions, torques = episode
+    experiment = get_experiment("ant")
+    parameters = 0.1 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
+    agent = StandingAgent(experiment, parameters)
+    env = gymnasium.make(experiment.env_id, disable_env_checker=True)
+
+    def whole_episode(env, agent):
+        assert run_episode(env, agent, seed=0)[1] == STEPS
+
+    measure(benchmark, whole_episode, env, agent, torques)
+
+
+@pytest.mark.benchmark(group="ant reset")
+@pytest.mark.parametrize("body", ["the same", "another"])
+def test_ant_reset(benchmark, body):
+    env, rng = Ant(), np.random.default_rng(0)
+    designs = rng.uniform(0.25, 1.75, (20, 36)) if body == "another" else np.ones((20, 36))
+
+    def resets():
+        for design in designs:
+            env.reset(seed=0, options={"design": design})
+
+    benchmark.pedantic(resets, rounds=ROUNDS, warmup_rounds=1)
+    benchmark.extra_info["milliseconds"] = round(1e3 * benchmark.stats.stats.median / 20, 2)
