@@ -17,6 +17,13 @@ struct Body {
   Vec2 force;              // N, for one step
   bool awake;
   float sleep_time;  // s
+  float start_angle;  // of the step, and its rotation
+  Rot start_rotation;
+
+  // Rotation by an angle; that of the step's start is at hand.
+  Rot turn_at(float angle) const {
+    return angle == start_angle ? start_rotation : rotation(angle);
+  }
 
   void place(Vec2 position, float angle) {
     xf.p = position;

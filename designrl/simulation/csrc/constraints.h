@@ -159,8 +159,8 @@ inline void load_contact(VelocitySolver& solver, int lane, int body_index, int s
   ContactRows& rows = solver.contacts[body_index][slot];
   scatter(rows.terms, lane, contact_terms(contact, body));
   scatter(rows.impulses, lane, contact_impulses(contact));
-  rows.one.lane[lane] = -1;
-  rows.two.lane[lane] = contact.count == 2 ? -1 : 0;
+  rows.one.set(lane, true);
+  rows.two.set(lane, contact.count == 2);
 }
 
 // b2ContactSolver::StoreImpulses for one contact.
@@ -171,7 +171,7 @@ inline void store_contact(const VelocitySolver& solver, int lane, int body_index
   ManifoldPoint* points = contact.manifold.points;
   points[0].normal_impulse = impulses.normal1;
   points[0].tangent_impulse = impulses.tangent1;
-  if (!rows.two.lane[lane]) return;
+  if (!rows.two[lane]) return;
   points[1].normal_impulse = impulses.normal2;
   points[1].tangent_impulse = impulses.tangent2;
 }
@@ -233,7 +233,7 @@ inline void load_joint(VelocitySolver& solver, int lane, int index, Joint& joint
   rows.k22.lane[lane] = k22;
   rows.k23.lane[lane] = k23;
   rows.inverse_det22.lane[lane] = det22;
-  rows.inverse_det33.lane[lane] = det33;
+  rows.minus_inverse_det33.lane[lane] = -det33;
   rows.c1.lane[lane] = c1;
   rows.c2.lane[lane] = c2;
   rows.c3.lane[lane] = c3;
@@ -244,8 +244,8 @@ inline void load_joint(VelocitySolver& solver, int lane, int index, Joint& joint
   rows.y.lane[lane] = joint.impulse_y;
   rows.z.lane[lane] = joint.impulse_z;
   rows.motor.lane[lane] = joint.motor_impulse;
-  rows.lower.lane[lane] = limit == kAtLower ? -1 : 0;
-  rows.upper.lane[lane] = limit == kAtUpper ? -1 : 0;
+  rows.lower.set(lane, limit == kAtLower);
+  rows.upper.set(lane, limit == kAtUpper);
 }
 
 inline void store_joint(const VelocitySolver& solver, int lane, int index, Joint& joint) {

@@ -229,12 +229,20 @@ class SeparationFunction {
   }
 };
 
+// Shapes meet when their cores are this close, within the tolerance.
+constexpr float kToiTarget = (kSkin + kSkin) - 3.0f * kLinearSlop > kLinearSlop
+                                 ? (kSkin + kSkin) - 3.0f * kLinearSlop
+                                 : kLinearSlop;
+constexpr float kToiTolerance = 0.25f * kLinearSlop;
+constexpr float kToiDistance = kToiTarget + kToiTolerance;
+// Room for rounding: coordinates reach 100 m, where float32 resolves 8e-6 m.
+constexpr float kToiRounding = 5e-4f;  // m
+
 // b2TimeOfImpact against terrain: the fraction of the sweep at which the shapes touch, or 1.
 // Box2D reports why there is no impact (separated, overlapped, failed); all lead to 1.
 inline float time_of_impact(const Hull& terrain, const Hull& body, Sweep sweep) {
   sweep.normalize();
-  const float target = maximum(kLinearSlop, (kSkin + kSkin) - 3.0f * kLinearSlop);
-  const float tolerance = 0.25f * kLinearSlop;
+  const float target = kToiTarget, tolerance = kToiTolerance;
   const float none = -1.0f;
   float t1 = 0.0f;
   SimplexCache cache;
@@ -347,10 +355,13 @@ inline void solve_continuous(World& world) {
         } else if (body.sweep.alpha0 < terrain.alpha0) {
           body.sweep.advance(alpha0);
         }
-        Hull a = {terrain.vertices(), terrain.vertex_count()};
-        Hull b = {body.shape.vertices, body.shape.count};
-        float beta = time_of_impact(a, b, body.sweep);
-        if (beta >= 0.0f) alpha = minimum(alpha0 + (1.0f - alpha0) * beta, 1.0f);
+        // Far enough apart all the way: no impact, whatever the search would try.
+        if (!world.sweeps[c.body].clears(terrain, kToiDistance + kToiRounding)) {
+          Hull a = {terrain.vertices(), terrain.vertex_count()};
+          Hull b = {body.shape.vertices, body.shape.count};
+          float beta = time_of_impact(a, b, body.sweep);
+          if (beta >= 0.0f) alpha = minimum(alpha0 + (1.0f - alpha0) * beta, 1.0f);
+        }
         c.toi = alpha;
         c.toi_known = true;
       }

@@ -124,6 +124,7 @@ struct Terrain {
   Vec2 v1, v2;    // edge: ends
   Vec2 normal;    // edge: to the right of v1 -> v2, unit length
   Polygon polygon;
+  Aabb box;       // with the skin
 
   void set_edge(Vec2 a, Vec2 b) {
     is_edge = true;
@@ -132,15 +133,13 @@ struct Terrain {
     Vec2 e = v2 - v1;
     normalize(e);
     normal = right_normal(e);
+    const Vec2 skin = {kSkin, kSkin};
+    box = {minimum(v1, v2) - skin, maximum(v1, v2) + skin};
   }
   void set_polygon(const Vec2* points) {
     is_edge = false;
     polygon.set(points, 4);
-  }
-  Aabb aabb() const {
-    if (!is_edge) return polygon.aabb({{0.0f, 0.0f}, {0.0f, 1.0f}});
-    Vec2 skin = {kSkin, kSkin};
-    return {minimum(v1, v2) - skin, maximum(v1, v2) + skin};
+    box = polygon.aabb({{0.0f, 0.0f}, {0.0f, 1.0f}});
   }
   int vertex_count() const { return is_edge ? 2 : polygon.count; }
   const Vec2* vertices() const { return is_edge ? &v1 : polygon.vertices; }

@@ -11,46 +11,20 @@
 // zero and left out. Restitution is zero, and with it the velocity bias.
 #pragma once
 
+#include "simd.h"
 #include "world.h"
 
 namespace ENGINE {
-
-typedef float Vector __attribute__((vector_size(ENGINE_VECTOR_BYTES)));
-typedef int32_t Mask __attribute__((vector_size(ENGINE_VECTOR_BYTES)));
-
-constexpr int kWidth = ENGINE_VECTOR_BYTES / 4;  // lanes in a vector
-constexpr int kChunks = 2;                       // independent vectors that hide latencies
-constexpr int kLanes = kWidth * kChunks;
-
-union alignas(64) Row {
-  float lane[kLanes];
-  Vector chunk[kChunks];
-};
-union alignas(64) IntRow {
-  int32_t lane[kLanes];
-  Mask chunk[kChunks];
-};
-
-inline Vector select(Mask m, Vector a, Vector b) { return m ? a : b; }
-inline float select(bool m, float a, float b) { return m ? a : b; }
-inline Vector minimum(Vector a, Vector b) { return a < b ? a : b; }
-inline Vector maximum(Vector a, Vector b) { return a > b ? a : b; }
-inline Vector clamp(Vector a, Vector low, Vector high) { return maximum(low, minimum(a, high)); }
-inline bool any(Mask m) {
-  int32_t bits = 0;
-  for (int i = 0; i < kWidth; ++i) bits |= m[i];
-  return bits != 0;
-}
 
 struct JointRows {
   Row rax, ray, rbx, rby;              // m, centres of mass to the anchors
   Row ma, mb, ia, ib;                  // inverse masses and inertias
   Row k11, k12, k13, k22, k23;         // effective mass matrix
-  Row inverse_det22, inverse_det33;
+  Row inverse_det22, minus_inverse_det33;
   Row c1, c2, c3;                      // second column × third column
   Row motor_mass, motor_speed, max_motor_impulse;
   Row x, y, z, motor;                  // accumulated impulses
-  IntRow lower, upper;                 // masks: the joint is at this limit
+  MaskRow lower, upper;                // the joint is at this limit
 };
 
 // What a contact's solution needs, and what it accumulates.
@@ -72,7 +46,7 @@ struct ContactImpulses {
 struct ContactRows {
   ContactTerms<Vector> terms[kChunks];
   ContactImpulses<Vector> impulses[kChunks];
-  IntRow one, two;  // masks: at least one point; two points
+  MaskRow one, two;  // the slot is used; it has two points
 };
 
 struct VelocitySolver {
@@ -85,7 +59,7 @@ struct VelocitySolver {
 
  private:
   void solve_joint(int joint, bool limits);
-  void solve_contact(int body, ContactRows& rows);
+  void solve_contact(int body, ContactRows& rows, int c);
 };
 
 // b2RevoluteJoint::SolveVelocityConstraints. `limits`: some lane's joint is at a limit.
@@ -102,44 +76,45 @@ inline void VelocitySolver::solve_joint(int joint, bool limits) {
 
     // Motor.
     const Vector limit = j.max_motor_impulse.chunk[c], motor_before = j.motor.chunk[c];
-    Vector impulse = -j.motor_mass.chunk[c] * (bw - aw - j.motor_speed.chunk[c]);
-    Vector motor = clamp(motor_before + impulse, -limit, limit);
+    const Vector motor = clamp(
+        motor_before - j.motor_mass.chunk[c] * (bw - aw - j.motor_speed.chunk[c]), -limit, limit);
     j.motor.chunk[c] = motor;
-    impulse = motor - motor_before;
-    aw -= ia * impulse;
-    bw += ib * impulse;
+    const Vector push = motor - motor_before;
+    aw -= ia * push;
+    bw += ib * push;
 
     // Point to point, together with a limit that has let go. An inactive limit has z = 0, and the
     // right-hand side is then that of the joint alone.
     const Vector z = j.z.chunk[c];
     const Vector k11 = j.k11.chunk[c], k12 = j.k12.chunk[c], k22 = j.k22.chunk[c];
     const Vector k13 = j.k13.chunk[c], k23 = j.k23.chunk[c];
-    const Vector cx = bx + -bw * rby - ax - -aw * ray;
+    const Vector cx = bx - bw * rby - ax + aw * ray;
     const Vector cy = by + bw * rbx - ay - aw * rax;
-    const Vector hx = -cx + z * k13, hy = -cy + z * k23;
+    const Vector hx = z * k13 - cx, hy = z * k23 - cy;
     const Vector det22 = j.inverse_det22.chunk[c];
     Vector px = det22 * (k22 * hx - k12 * hy);
     Vector py = det22 * (k11 * hy - k12 * hx);
     Vector pz = {};
 
     if (limits) {
-      const Mask lower = j.lower.chunk[c], upper = j.upper.chunk[c];
+      const Mask lower = j.lower.chunk(c), upper = j.upper.chunk(c);
+      const Vector zero = {};
       const Vector cz = bw - aw;
       const Vector c1 = j.c1.chunk[c], c2 = j.c2.chunk[c], c3 = j.c3.chunk[c];
-      const Vector det33 = j.inverse_det33.chunk[c], k33 = ia + ib;
+      const Vector det33 = j.minus_inverse_det33.chunk[c], k33 = ia + ib;
       // b2Mat33::Solve33 by Cramer's rule; columns (k11 k12 k13), (k12 k22 k23), (k13 k23 k33).
-      const Vector x = -(det33 * (cx * c1 + cy * c2 + cz * c3));
-      const Vector y = -(det33 * (k11 * (cy * k33 - cz * k23) + k12 * (cz * k13 - cx * k33) +
-                                  k13 * (cx * k23 - cy * k13)));
-      const Vector dz = -(det33 * (k11 * (k22 * cz - k23 * cy) + k12 * (k23 * cx - k12 * cz) +
-                                   k13 * (k12 * cy - k22 * cx)));
+      const Vector x = det33 * (cx * c1 + cy * c2 + cz * c3);
+      const Vector y = det33 * (k11 * (cy * k33 - cz * k23) + k12 * (cz * k13 - cx * k33) +
+                                k13 * (cx * k23 - cy * k13));
+      const Vector dz = det33 * (k11 * (k22 * cz - k23 * cy) + k12 * (k23 * cx - k12 * cz) +
+                                 k13 * (k12 * cy - k22 * cx));
       const Vector total = z + dz;
-      const Mask keeps = (lower & ~(total < 0.0f)) | (upper & ~(total > 0.0f));
-      const Mask active = lower | upper;
+      const Mask keeps =
+          either(but_not(lower, less(total, zero)), but_not(upper, less(zero, total)));
       px = select(keeps, x, px);
       py = select(keeps, y, py);
-      pz = select(keeps, dz, select(active, -z, pz));
-      j.z.chunk[c] = select(keeps, total, Vector{});
+      pz = select(keeps, dz, zero - z);
+      j.z.chunk[c] = select(keeps, total, zero);
     }
     j.x.chunk[c] += px;
     j.y.chunk[c] += py;
@@ -163,10 +138,10 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
   const F tx = t.ny, ty = -t.nx;
   const F a1 = impulses.normal1, a2 = impulses.normal2;
   {
-    const F dx = vx + -w * t.r1y, dy = vy + w * t.r1x;
+    const F dx = vx - w * t.r1y, dy = vy + w * t.r1x;
     const F vt = dx * tx + dy * ty;
     const F before = impulses.tangent1, limit = t.friction * a1;
-    const F after = clamp(before + t.tangent_mass1 * -vt, -limit, limit);
+    const F after = clamp(before - t.tangent_mass1 * vt, -limit, limit);
     impulses.tangent1 = after;
     const F lambda = after - before;
     const F px = lambda * tx, py = lambda * ty;
@@ -175,10 +150,10 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
     w = w + t.i * (t.r1x * py - t.r1y * px);
   }
   {
-    const F dx = vx + -w * t.r2y, dy = vy + w * t.r2x;
+    const F dx = vx - w * t.r2y, dy = vy + w * t.r2x;
     const F vt = dx * tx + dy * ty;
     const F before = impulses.tangent2, limit = t.friction * a2;
-    const F after = clamp(before + t.tangent_mass2 * -vt, -limit, limit);
+    const F after = clamp(before - t.tangent_mass2 * vt, -limit, limit);
     impulses.tangent2 = select(two, after, before);
     const F lambda = after - before;
     const F px = lambda * tx, py = lambda * ty;
@@ -187,21 +162,21 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
     w = select(two, w + t.i * (t.r2x * py - t.r2y * px), w);
   }
 
-  const F d1x = vx + -w * t.r1y, d1y = vy + w * t.r1x;
-  const F d2x = vx + -w * t.r2y, d2y = vy + w * t.r2x;
+  const F d1x = vx - w * t.r1y, d1y = vy + w * t.r1x;
+  const F d2x = vx - w * t.r2y, d2y = vy + w * t.r2x;
   const F vn1 = d1x * t.nx + d1y * t.ny, vn2 = d2x * t.nx + d2y * t.ny;
   // One point: its accumulated impulse stays positive.
-  const F single = maximum(a1 + -t.normal_mass1 * vn1, zero);
+  const F single = maximum(a1 - t.normal_mass1 * vn1, zero);
   // Two points: the first of four cases that solves the complementarity problem; in none of them,
   // the impulses stay.
   const F b1 = vn1 - (t.k11 * a1 + t.k12 * a2), b2 = vn2 - (t.k12 * a1 + t.k22 * a2);
   const F both1 = -(t.inverse11 * b1 + t.inverse12 * b2);
   const F both2 = -(t.inverse21 * b1 + t.inverse22 * b2);
-  const F only1 = -t.normal_mass1 * b1, only2 = -t.normal_mass2 * b2;
-  const auto case1 = (both1 >= zero) & (both2 >= zero);
-  const auto case2 = (only1 >= zero) & (t.k12 * only1 + b2 >= zero);
-  const auto case3 = (only2 >= zero) & (t.k12 * only2 + b1 >= zero);
-  const auto case4 = (b1 >= zero) & (b2 >= zero);
+  const F only1 = -(t.normal_mass1 * b1), only2 = -(t.normal_mass2 * b2);
+  const M case1 = both(at_least(both1, zero), at_least(both2, zero));
+  const M case2 = both(at_least(only1, zero), at_least(t.k12 * only1 + b2, zero));
+  const M case3 = both(at_least(only2, zero), at_least(t.k12 * only2 + b1, zero));
+  const M case4 = both(at_least(b1, zero), at_least(b2, zero));
   F n1 = select(case4, zero, a1), n2 = select(case4, zero, a2);
   n1 = select(case3, zero, n1);
   n2 = select(case3, only2, n2);
@@ -221,42 +196,53 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
   w = w + t.i * ((t.r1x * p1y - t.r1y * p1x) + (t.r2x * p2y - t.r2y * p2x));
 }
 
-// One contact slot of one body, in every lane that uses it.
-inline void VelocitySolver::solve_contact(int body, ContactRows& rows) {
-  for (int c = 0; c < kChunks; ++c) {
-    const Mask one = rows.one.chunk[c];
-    const Vector x = vx[body].chunk[c], y = vy[body].chunk[c], turn = w[body].chunk[c];
-    Vector new_x = x, new_y = y, new_turn = turn;
-    solve_contact_terms(rows.terms[c], rows.two.chunk[c], rows.impulses[c], new_x, new_y,
-                        new_turn);
-    vx[body].chunk[c] = select(one, new_x, x);
-    vy[body].chunk[c] = select(one, new_y, y);
-    w[body].chunk[c] = select(one, new_turn, turn);
-  }
+// One contact slot of one body, in every lane of a chunk that uses it.
+inline void VelocitySolver::solve_contact(int body, ContactRows& rows, int c) {
+  const Mask one = rows.one.chunk(c);
+  const Vector x = vx[body].chunk[c], y = vy[body].chunk[c], turn = w[body].chunk[c];
+  Vector new_x = x, new_y = y, new_turn = turn;
+  solve_contact_terms(rows.terms[c], rows.two.chunk(c), rows.impulses[c], new_x, new_y, new_turn);
+  vx[body].chunk[c] = select(one, new_x, x);
+  vy[body].chunk[c] = select(one, new_y, y);
+  w[body].chunk[c] = select(one, new_turn, turn);
 }
 
 inline void VelocitySolver::solve(int iterations) {
   bool limits[kJoints];
-  int counts[kBodies];
   for (int j = 0; j < kJoints; ++j) {
-    Mask at_limit = {};
+    limits[j] = false;
     for (int c = 0; c < kChunks; ++c)
-      at_limit |= joints[j].lower.chunk[c] | joints[j].upper.chunk[c];
-    limits[j] = any(at_limit);
+      limits[j] |= any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
   }
-  for (int b = 0; b < kBodies; ++b) {
-    counts[b] = 0;
-    for (int l = 0; l < kLanes; ++l)
-      if (contact_count[b][l] > counts[b]) counts[b] = contact_count[b][l];
-    // Slots beyond a lane's own contacts must not act.
-    for (int k = 0; k < counts[b]; ++k)
-      for (int l = 0; l < kLanes; ++l)
-        if (k >= contact_count[b][l]) contacts[b][k].one.lane[l] = contacts[b][k].two.lane[l] = 0;
+  // The contacts of one body must be solved in their order. Those of different bodies, and chunks,
+  // have nothing in common: in turn, they hide each other's latencies.
+  struct Pass {
+    ContactRows* rows;
+    int body, chunk;
+  };
+  Pass passes[kBodies * kChunks * kMaxTouching];
+  int pass_count = 0;
+  for (int k = 0; k < kMaxTouching; ++k) {
+    const int before = pass_count;
+    for (int b : kIslandBodies)
+      for (int c = 0; c < kChunks; ++c) {
+        ContactRows& rows = contacts[b][k];
+        bool used = false;
+        for (int l = c * kWidth; l < (c + 1) * kWidth; ++l) {
+          const bool own = k < contact_count[b][l];
+          used |= own;
+          if (own) continue;
+          rows.one.set(l, false);
+          rows.two.set(l, false);
+        }
+        if (used) passes[pass_count++] = {&rows, b, c};
+      }
+    if (pass_count == before) break;
   }
   for (int iteration = 0; iteration < iterations; ++iteration) {
     for (int joint : kIslandJoints) solve_joint(joint, limits[joint]);
-    for (int body : kIslandBodies)
-      for (int k = 0; k < counts[body]; ++k) solve_contact(body, contacts[body][k]);
+    for (int i = 0; i < pass_count; ++i)
+      solve_contact(passes[i].body, *passes[i].rows, passes[i].chunk);
   }
 }
 

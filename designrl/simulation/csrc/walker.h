@@ -25,6 +25,26 @@ struct StepResult {
   bool terminated, fell;
 };
 
+// Where all bodies are, to notice a position that has been there before.
+struct Positions {
+  float values[3 * kBodies];
+
+  explicit Positions(const Motion* motions) {
+    for (int b = 0; b < kBodies; ++b) {
+      values[3 * b] = motions[b].c.x;
+      values[3 * b + 1] = motions[b].c.y;
+      values[3 * b + 2] = motions[b].a;
+    }
+  }
+  bool operator==(const Motion* motions) const {
+    for (int b = 0; b < kBodies; ++b)
+      if (values[3 * b + 2] != motions[b].a || values[3 * b] != motions[b].c.x ||
+          values[3 * b + 1] != motions[b].c.y)
+        return false;
+    return true;
+  }
+};
+
 class Walker {
  public:
   World world;
@@ -39,7 +59,7 @@ class Walker {
     if (world.course.overflow) world.overflow = true;
     for (int i = 0; i < world.course.count; ++i) {
       Terrain& piece = world.course.pieces[i];
-      piece.proxy = world.tree.create(piece.aabb(), kBodies + i);
+      piece.proxy = world.tree.create(piece.box, kBodies + i);
     }
     build(scales, force);
     has_shaping_ = false;
@@ -73,6 +93,8 @@ class Walker {
       motion.c = body.sweep.c;
       motion.a = body.sweep.a;
       motion.q = body.xf.q;
+      body.start_angle = body.sweep.a;
+      body.start_rotation = body.xf.q;
       const Vec2 gravity = {0.0f, kGravity};
       motion.v = body.velocity + kTimeStep * (gravity + body.inverse_mass * body.force);
       motion.w = body.angular_velocity;
@@ -196,8 +218,16 @@ class Walker {
   }
 
   // Position iterations of b2Island::Solve; whether the errors became small.
+  //
+  // An iteration is a function of the bodies' positions alone. A joint that a motor holds beyond its
+  // limit keeps a quarter of all steps from ever converging, and most of those soon go round in a
+  // short cycle of positions. Once a position has come back, only the rest of the last round is
+  // left to do (Brent's way of finding cycles).
   bool correct_positions(const VelocitySolver& solver, int lane) {
-    for (int i = 0; i < kPositionIterations; ++i) {
+    Positions mark(motions_);
+    int marked = 0, next_mark = 1, end = kPositionIterations;
+    bool last_round = false;
+    for (int i = 0; i < end; ++i) {
       float smallest = 0.0f;
       for (int b : kIslandBodies)
         for (int k = 0; k < solver.contact_count[b][lane]; ++k)
@@ -211,6 +241,16 @@ class Walker {
         joints_good = joints_good && good;
       }
       if (smallest >= -3.0f * kLinearSlop && joints_good) return true;
+      if (last_round) continue;
+      const int done = i + 1;
+      if (mark == motions_) {
+        end = done + (kPositionIterations - done) % (done - marked);
+        last_round = true;
+      } else if (done == next_mark) {
+        mark = Positions(motions_);
+        marked = done;
+        next_mark = 2 * done;
+      }
     }
     return false;
   }

@@ -19,8 +19,77 @@ struct Contact {
   float toi;
 };
 
+// A moving body's polygon at both ends of its sweep, in the world's frame.
+struct SweptPolygon {
+  Vec2 from[kMaxVertices], to[kMaxVertices];
+  int count;
+  Vec2 origin;  // of the body at the start, m
+  Aabb box;     // of both ends, with the skin
+  float sag;    // m, how far a vertex may leave the line between its ends as the body turns
+
+  void set(const Body& body) {
+    const Polygon& shape = body.shape;
+    const Sweep& sweep = body.sweep;
+    Transform before;
+    before.q = body.turn_at(sweep.a0);
+    before.p = sweep.c0 - mul(before.q, sweep.local_center);
+    origin = before.p;
+    count = shape.count;
+    float radius2 = 0.0f;
+    for (int i = 0; i < count; ++i) {
+      from[i] = mul(before, shape.vertices[i]);
+      to[i] = mul(body.xf, shape.vertices[i]);
+      const Vec2 v = minimum(from[i], to[i]), w = maximum(from[i], to[i]);
+      box.lower = i ? minimum(box.lower, v) : v;
+      box.upper = i ? maximum(box.upper, w) : w;
+      const Vec2 arm = shape.vertices[i] - sweep.local_center;
+      radius2 = maximum(radius2, dot(arm, arm));
+    }
+    const Vec2 skin = {kSkin, kSkin};
+    box.lower = box.lower - skin;
+    box.upper = box.upper + skin;
+    // A chord of an arc of angle d and radius r lies within r d² / 8 of it.
+    const float turn = sweep.a - sweep.a0;
+    sag = sqrtf(radius2) * turn * turn * 0.125f;
+  }
+
+  // Whether the body stays farther than `gap` from a piece of terrain through the whole sweep: some
+  // line has all of one on one side and all of the other on the other. A false says nothing.
+  bool clears(const Terrain& terrain, float gap) const {
+    gap += sag;
+    // The boxes, without their skins.
+    const Aabb& other = terrain.box;
+    const float reach = gap - 2.0f * kSkin;
+    if (other.lower.x - box.upper.x > reach || box.lower.x - other.upper.x > reach ||
+        other.lower.y - box.upper.y > reach || box.lower.y - other.upper.y > reach)
+      return true;
+    if (terrain.is_edge) {
+      float low = kMaxFloat, high = -kMaxFloat;
+      for (int i = 0; i < count; ++i) {
+        const float s0 = dot(terrain.normal, from[i] - terrain.v1);
+        const float s1 = dot(terrain.normal, to[i] - terrain.v1);
+        low = minimum(low, minimum(s0, s1));
+        high = maximum(high, maximum(s0, s1));
+      }
+      return low > gap || high < -gap;
+    }
+    const Polygon& polygon = terrain.polygon;
+    for (int side = 0; side < polygon.count; ++side) {
+      float low = kMaxFloat;
+      for (int i = 0; i < count; ++i) {
+        const float s0 = dot(polygon.normals[side], from[i] - polygon.vertices[side]);
+        const float s1 = dot(polygon.normals[side], to[i] - polygon.vertices[side]);
+        low = minimum(low, minimum(s0, s1));
+      }
+      if (low > gap) return true;
+    }
+    return false;
+  }
+};
+
 struct World {
   Body bodies[kBodies];
+  SweptPolygon sweeps[kBodies];  // of the step so far
   Joint joints[kJoints];
   Course course;
   Tree tree;
@@ -129,11 +198,9 @@ struct World {
   // b2Body::SynchronizeFixtures: moves the box in the tree to cover the step's motion.
   void synchronize_box(int index) {
     Body& body = bodies[index];
-    Transform before;
-    before.q = rotation(body.sweep.a0);
-    before.p = body.sweep.c0 - mul(before.q, body.sweep.local_center);
-    Aabb box = combine(body.shape.aabb(before), body.shape.aabb(body.xf));
-    if (!tree.move(body.proxy, box, body.xf.p - before.p)) return;
+    sweeps[index].set(body);
+    const SweptPolygon& sweep = sweeps[index];
+    if (!tree.move(body.proxy, sweep.box, body.xf.p - sweep.origin)) return;
     if (moved_count < int(sizeof moved / sizeof *moved)) moved[moved_count++] = index;
     else overflow = true;
   }
