@@ -20,6 +20,11 @@ from designrl.errors import InputError
 __all__ = ["FEET", "JOINTS", "OBSERVATIONS", "PARTS", "REWARD_TERMS", "Ant", "leg_capsules"]
 
 
+def _flush_c() -> None:
+    with contextlib.suppress(OSError, TypeError):
+        ctypes.CDLL(None).fflush(None)  # all of C's own buffers
+
+
 @contextlib.contextmanager
 def _silence():
     """Keep what PyBullet's C code prints (its build time, argv[0]) off the terminal."""
@@ -30,14 +35,14 @@ def _silence():
     except (AttributeError, OSError, ValueError):  # no streams: there is nothing to print to
         yield
         return
+    _flush_c()
     sink = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(sink, 1)
         os.dup2(sink, 2)
         yield
     finally:
-        with contextlib.suppress(OSError, TypeError):
-            ctypes.CDLL(None).fflush(None)  # C's own buffer, while it still goes nowhere
+        _flush_c()  # while it still goes nowhere
         for stream, copy in zip((1, 2), saved, strict=True):
             os.dup2(copy, stream)
             os.close(copy)
