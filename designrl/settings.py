@@ -80,8 +80,14 @@ class TrainSettings:
     learning_rate: float | None = field(
         default=None, metadata={"type": float, "help": "step size of μ (default: the preset's)"}
     )
-    evaluate_every: int = field(
-        default=25, metadata={"help": "generations between evaluations of the best candidate"}
+    evaluate_every: int = field(default=25, metadata={"help": "generations between evaluations"})
+    keep: str = field(
+        default="best",
+        metadata={
+            "type": str,
+            "help": "what is evaluated and kept: the generation's best candidate ('best', as "
+            "published) or the distribution's mean ('mean')",
+        },
     )
     evaluation_episodes: int | None = field(
         default=None,
@@ -94,6 +100,8 @@ class TrainSettings:
             object.__setattr__(self, "generations", experiment.generations)
         if self.preset not in PRESETS:
             raise InputError(f"preset is {self.preset!r}; it must be one of {', '.join(PRESETS)}")
+        if self.keep not in ("best", "mean"):
+            raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
         starts = [start for start, _ in self.rollouts]
         if not starts or starts[0] != 0 or starts != sorted(set(starts)):
             raise InputError("the rollouts' schedule must start at generation 0 and go up")

@@ -174,7 +174,9 @@ class TrainingRun:
             total_steps=self.progress.total_steps,
         )
         if optimiser.generation % settings.evaluate_every == 0 or self.finished:
-            self._evaluate(simulator, recorder, candidates[np.argmax(returns)])
+            mean = optimiser.mu.numpy().round(CANDIDATE_DECIMALS)
+            best = candidates[np.argmax(returns)]
+            self._evaluate(simulator, recorder, mean if settings.keep == "mean" else best)
         best = "-" if self.progress.best_score is None else f"{self.progress.best_score:.1f}"
         self._status = (
             f"mean {returns.mean():.1f} max {returns.max():.1f} best {best} "
@@ -186,7 +188,7 @@ class TrainingRun:
     _status = ""
 
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
-        """Score the batch's best candidate and keep it if it is the best so far."""
+        """Score an agent without training-time rewards; keep it if it is the best so far."""
         start = time.perf_counter()
         settings, progress = self.settings, self.progress
         generation = self.optimiser.generation

@@ -159,6 +159,14 @@ def test_training_uses_training_rewards_and_evaluation_does_not(tmp_path, monkey
     ]
 
 
+def test_the_kept_agent_is_the_best_candidate_or_the_mean(tmp_path):
+    for keep in ("best", "mean"):
+        run = train(tmp_path / keep, generations=2, keep=keep)
+        kept = load(tmp_path / keep / "best.safetensors").parameters
+        is_mean = (kept == run.optimiser.mu.numpy().round(4)).all()
+        assert is_mean == (keep == "mean")
+
+
 def test_a_folder_with_a_run_is_not_overwritten(undisturbed, tmp_path):
     before = file_hash(undisturbed / "state.safetensors")
     with pytest.raises(InputError, match="holds another run"):
@@ -211,7 +219,7 @@ def test_rollouts_are_a_number_or_a_schedule():
 
 
 def test_wrong_settings_are_refused():
-    for wrong in ({"generations": 0}, {"seed": -1}, {"preset": "x"}, {"evaluate_every": 0}):
+    for wrong in ({"generations": 0}, {"seed": -1}, {"preset": "x"}, {"keep": "x"}):
         with pytest.raises(InputError):
             settings(**wrong)
 
