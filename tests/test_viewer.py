@@ -14,6 +14,7 @@ from designrl import viewer
 from designrl.errors import InputError
 from designrl.recording import read, record_rollout
 from designrl.recording.mcap_file import McapFile
+from designrl.viewer import picture as picture_module
 
 RERUN = Path(rerun_cli.__file__).with_name("rerun")
 
@@ -118,15 +119,17 @@ def test_many_rollouts_are_thinned_evenly(tmp_path, capsys):
 
 def test_limbs_are_the_papers():
     from designrl.design import ANT, WALKER
+    from designrl.viewer.layout import limbs
 
-    assert viewer.limbs(WALKER.names) == {"leg 1": [0, 1, 2, 3], "leg 2": [4, 5, 6, 7]}
-    assert list(viewer.limbs(ANT.names)) == ["front left", "front right", "back left", "back right"]
+    assert limbs(WALKER.names) == {"leg 1": [0, 1, 2, 3], "leg 2": [4, 5, 6, 7]}
+    assert list(limbs(ANT.names)) == ["front left", "front right", "back left", "back right"]
 
 
 def test_urdf_angles_become_the_right_rotation():
     from designrl.recording.bodies import rotate
+    from designrl.viewer.drawing import _quaternion
 
-    q = np.array(viewer._quaternion(0, np.pi / 2, np.pi / 4))
+    q = np.array(_quaternion(0, np.pi / 2, np.pi / 4))
     assert np.allclose(rotate(q, np.array([0, 0, 1.0])), [np.sqrt(0.5), np.sqrt(0.5), 0])
 
 
@@ -196,7 +199,7 @@ def test_stock_rerun_draws_the_body_on_its_ground(kind, folder, ant, tmp_path):
 
 
 def test_a_picture_shows_body_ground_and_plots(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(viewer, "NOTICES_SECONDS", 1.5)
+    monkeypatch.setattr(picture_module, "NOTICES_SECONDS", 1.5)
     target = tmp_path / "picture.png"
     try:
         viewer.replay([folder / "rollouts" / "generation00010.mcap"], screenshot=target)

@@ -117,6 +117,16 @@ class Recording:
                     f"a message on {topic} in {self.path} is damaged; get the file again"
                 ) from None
 
+    def first(self, topic: str):
+        """The topic's first message, decoded.
+
+        Raises:
+            RecordingError: there is none.
+        """
+        for message in self.messages(topic):
+            return message
+        raise RecordingError(f"{self.path} has no message on {topic}; record it again")
+
     def array(self, topic: str, field: str) -> np.ndarray:
         """One field of all messages of a topic.
 

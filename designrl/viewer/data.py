@@ -1,0 +1,183 @@
+"""What a recording holds, as Rerun entities: curves, poses, rays."""
+
+import json
+
+import numpy as np
+import rerun as rr
+
+from designrl.experiments import get_experiment
+from designrl.recording import Recording, RecordingError
+from designrl.recording.bodies import GROUND_HALF_WIDTH
+from designrl.recording.urdf import body_urdf
+from designrl.viewer.drawing import Robot, log_floor, log_terrain
+from designrl.viewer.layout import GENERATION, TIME, entity, limbs
+
+MAX_FIGURES = 300  # bodies of a run that are drawn, evenly spaced over its generations
+ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: the original body stands to the left of the learned one
+GRAY, RED = (150, 150, 150), (255, 60, 60)
+PALETTE = np.array(
+    [  # eight colors that remain apart for the color-blind (after Okabe and Ito), lightened
+        (86, 180, 233),
+        (230, 159, 0),
+        (0, 178, 135),
+        (240, 228, 66),
+        (204, 121, 167),
+        (213, 94, 0),
+        (120, 140, 255),
+        (200, 200, 200),
+    ],
+    dtype=np.uint8,
+)
+
+
+def log_recording(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
+    """Log a recording under the entity `name`.
+
+    Raises:
+        RecordingError: it cannot be read, or lacks what its kind of recording holds.
+    """
+    log = log_run if recording.kind == "run" else log_rollout
+    try:
+        log(stream, recording, entity(name))
+    except (AttributeError, IndexError, KeyError, StopIteration, ValueError) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(
+            f"{recording.path} lacks some of what a {recording.kind} holds; record it again"
+        ) from None
+
+
+def _series(stream, path: str, times: list[rr.TimeColumn], values, names, styles=None) -> None:
+    """Log (T, K) values as K lines, named and in the palette's colors."""
+    values = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
+    styles = {"colors": PALETTE[np.arange(values.shape[1]) % len(PALETTE)], **(styles or {})}
+    stream.log(path, rr.SeriesLines(names=list(names), **styles), static=True)
+    stream.send_columns(path, times, rr.Scalars.columns(scalars=values))
+
+
+def log_run(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
+    """Learning curve, sigma, design and bodies of a run, on the timeline `generation`."""
+    times = _generations(recording, "/summary")
+    mean, sd, best, *sigma = (
+        recording.array("/summary", field)
+        for field in ("mean", "sd", "best", "sigma_mean", "sigma_min", "sigma_max")
+    )
+    blue, orange, white = PALETTE[[0, 1, 7]]
+    _series(
+        stream,
+        f"{name}/learning/population",
+        times,
+        np.stack([mean, mean - 2 * sd, mean + 2 * sd, best], axis=1),
+        ("population mean", "mean - 2 sd", "mean + 2 sd", "best of the population"),
+        {"colors": [blue, blue // 2, blue // 2, white // 3 * 2], "widths": [3, 1, 1, 1]},
+    )
+    names = ("mean", "smallest", "largest")
+    _series(stream, f"{name}/sigma", times, np.stack(sigma, axis=1), names)
+    if recording.topics.get("/evaluation"):
+        path, scores = f"{name}/learning/evaluation", recording.array("/evaluation", "mean")
+        style = {"colors": orange, "markers": "diamond", "marker_sizes": 4}
+        stream.log(path, rr.SeriesPoints(names="evaluation", **style), static=True)
+        times = _generations(recording, "/evaluation")
+        stream.send_columns(path, times, rr.Scalars.columns(scalars=scores))
+    if recording.topics.get("/design"):
+        _log_design(stream, recording, name)
+
+
+def _generations(recording: Recording, topic: str) -> list[rr.TimeColumn]:
+    generations = recording.array(topic, "generation").astype(np.int64)
+    return [rr.TimeColumn(GENERATION, sequence=generations)]
+
+
+def _log_design(stream, recording: Recording, name: str) -> None:
+    sizes, lower, upper = (
+        recording.array("/design", field) for field in ("dimensions", "lower", "upper")
+    )
+    names = recording.names("/design")
+    for limb, indices in limbs(names).items():
+        colors = PALETTE[np.arange(len(indices)) % len(PALETTE)]
+        _series(
+            stream,
+            f"{name}/design/{entity(limb)}",
+            _generations(recording, "/design"),
+            np.concatenate([sizes[:, indices], lower[:, indices], upper[:, indices]], axis=1),
+            [names[i] for _ in range(3) for i in indices],
+            {
+                "colors": np.concatenate([colors, colors // 2, colors // 2]),
+                "widths": [2.5] * len(indices) + [0.8] * 2 * len(indices),
+            },
+        )
+    space = get_experiment(recording.metadata["experiment"]).body
+    original = Robot(body_urdf(space, np.ones(space.size)), GRAY)
+    original.log(stream, f"{name}/figure/original", ORIGINAL_AT, static=True)
+    generations = recording.array("/design", "generation").tolist()
+    for i in np.unique(np.linspace(0, len(sizes) - 1, MAX_FIGURES).round().astype(int)):
+        stream.set_time(GENERATION, sequence=generations[i])
+        robot = Robot(body_urdf(space, sizes[i] / space.originals))
+        robot.log(stream, f"{name}/figure/mean", (0, 0, 0))
+    stream.reset_time()
+
+
+def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
+    """Body, ground, LIDAR and plots of a rollout, on the timeline `time`.
+
+    A rollout of a run is on the timeline `generation`, too, all of it at one place: beside a
+    learning curve, the body stands where its rollout ended.
+    """
+    world = f"{name}/world"
+    stream.log(world, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    times, paths = _times(recording, "/tf"), {"world": world}
+    robot = Robot(recording.first("/robot_description"))
+    for part, (parent, positions, quaternions) in recording.transforms().items():
+        paths[part] = path = f"{paths[parent]}/{entity(part)}"
+        columns = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
+        stream.send_columns(path, times, columns)
+        robot.log_shapes(stream, part, path, static=True)
+        if parent == "world":
+            columns = rr.Transform3D.columns(translation=_smooth_height(positions))
+            stream.send_columns(f"{world}/follow", times, columns)
+            course = positions
+    if recording.topics.get("/terrain"):
+        log_terrain(stream, recording.first("/terrain"), world)
+    else:
+        log_floor(stream, course, world)
+    if recording.topics.get("/lidar"):
+        _log_lidar(stream, recording, f"{world}/lidar")
+    for topic, field in (("/reward", "terms"), ("/action", "values"), ("/joints", "angles")):
+        values, names = recording.array(topic, field), recording.names(topic)
+        # A fall is a hundred times any other term, and ends the score's curve visibly enough.
+        used = [i for i in range(len(names)) if values[:, i].any() and names[i] != "fall"]
+        series = values[:, used], [names[i] for i in used]
+        _series(stream, f"{name}{topic}", _times(recording, topic), *series)
+    total = recording.array("/reward", "total")
+    _series(stream, f"{name}/score", _times(recording, "/reward"), total, ["sum of rewards"])
+
+
+def _times(recording: Recording, topic: str) -> list[rr.TimeColumn]:
+    seconds = recording.array(topic, "log_time") / 1e9
+    times = [rr.TimeColumn(TIME, duration=seconds)]
+    generation = json.loads(recording.metadata.get("agent", "{}")).get("generation")
+    if isinstance(generation, int):
+        times.append(rr.TimeColumn(GENERATION, sequence=np.full(len(seconds), generation)))
+    return times
+
+
+def _smooth_height(positions: np.ndarray) -> np.ndarray:
+    """Positions (T, 3) for the eye: the bumps of single steps, a second long, would shake it."""
+    half = 25
+    padded = np.pad(positions[:, 2], half, mode="edge")
+    height = np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
+    return np.column_stack([positions[:, :2], height])
+
+
+def _log_lidar(stream: rr.RecordingStream, recording: Recording, path: str) -> None:
+    x, z, end_x, end_z = (
+        recording.array("/lidar", field) for field in ("origin_x", "origin_z", "end_x", "end_z")
+    )
+    rays = np.full((*end_x.shape, 2, 3), -GROUND_HALF_WIDTH)  # y: in front of the body
+    rays[:, :, 0, 0], rays[:, :, 0, 2] = x[:, None], z[:, None]
+    rays[:, :, 1, 0], rays[:, :, 1, 2] = end_x, end_z
+    columns = rr.LineStrips3D.columns(strips=rays.reshape(-1, 2, 3))
+    columns = columns.partition(np.full(len(rays), rays.shape[1]))
+    stream.send_columns(path, _times(recording, "/lidar"), columns)
+    style = rr.LineStrips3D.from_fields(colors=RED, radii=rr.Radius.ui_points(0.7))
+    stream.log(path, style, static=True)

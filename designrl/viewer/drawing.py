@@ -1,0 +1,164 @@
+"""Solid things: robots from their URDF text, the walker's terrain, the ant's floor."""
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import rerun as rr
+
+from designrl.errors import InputError
+from designrl.recording.bodies import GROUND_COLOR, GROUND_HALF_WIDTH, OBSTACLE_COLOR
+from designrl.viewer.layout import entity
+
+# rad: how a body stands where only its design is shown; other joints are in mid-range.
+POSE = {"hip 1": -0.35, "knee 1": -0.2, "hip 2": 0.5, "knee 2": -0.5}
+SOLID = rr.components.FillMode.Solid
+GRID_COLOR = (90, 150, 78)
+
+
+class Robot:
+    """A URDF robot made of boxes, cylinders and spheres, as far as it takes to draw it.
+
+    Attributes:
+        shapes: link -> kind -> what to draw.
+        joints: child -> parent, place in the parent's frame, axis, angle of `POSE`.
+
+    Raises:
+        InputError: the text is not such a robot.
+    """
+
+    def __init__(self, text: str, color=None):
+        try:
+            root = ElementTree.fromstring(text)
+            self.shapes = {
+                link.get("name"): self._shapes(link, color) for link in root.iter("link")
+            }
+            self.joints = {
+                joint.find("child").get("link"): self._joint(joint) for joint in root.iter("joint")
+            }
+        except (
+            ElementTree.ParseError,
+            AttributeError,
+            IndexError,
+            KeyError,
+            TypeError,
+            ValueError,
+        ):
+            raise InputError(
+                "the recording's /robot_description is damaged; record it again"
+            ) from None
+
+    @staticmethod
+    def _shapes(link, color) -> dict[str, rr.AsComponents]:
+        kinds: dict[str, list] = {}
+        for visual in link.iter("visual"):
+            shape, origin = visual.find("geometry")[0], visual.find("origin")
+            rgba = color or 255 * _floats(visual.find("material/color"), "rgba")
+            sizes = np.concatenate([_floats(shape, key) for key in shape.attrib])
+            row = sizes, _floats(origin, "xyz"), _quaternion(*_floats(origin, "rpy"))
+            kinds.setdefault(shape.tag, []).append((*row, np.round(rgba).astype(np.uint8)))
+        return {
+            kind: _solid(kind, *map(np.array, zip(*rows, strict=True)))
+            for kind, rows in kinds.items()
+        }
+
+    @staticmethod
+    def _joint(joint) -> tuple[str, np.ndarray, np.ndarray, float]:
+        place, axis, limit = _floats(joint.find("origin"), "xyz"), np.array([0, 0, 1.0]), (0.0, 0.0)
+        if joint.get("type") == "revolute":
+            axis = _floats(joint.find("axis"), "xyz")
+            limit = [float(joint.find("limit").get(side)) for side in ("lower", "upper")]
+        angle = POSE.get(joint.get("name"), sum(limit) / 2)
+        return joint.find("parent").get("link"), place, axis, angle
+
+    def log(self, stream: rr.RecordingStream, path: str, at, static: bool = False) -> None:
+        """Log the robot in its pose, with its root at `at` (3,) in m."""
+        paths = {"world": path}
+        for part, (parent, place, axis, angle) in self.joints.items():
+            paths[part] = f"{paths[parent]}/{entity(part)}"
+            pose = rr.Transform3D(
+                translation=at if parent == "world" else place,
+                rotation=rr.RotationAxisAngle(axis=axis, radians=angle),
+            )
+            stream.log(paths[part], pose, static=static)
+            self.log_shapes(stream, part, paths[part], static)
+
+    def log_shapes(self, stream: rr.RecordingStream, part: str, path: str, static: bool) -> None:
+        """Log what is to be drawn of a part under its entity."""
+        for kind, shape in self.shapes[part].items():
+            stream.log(f"{path}/{kind}", shape, static=static)
+
+
+def _floats(element, key: str) -> np.ndarray:
+    return np.array([float(value) for value in element.get(key).split()])
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """x, y, z, w of URDF's angles: about x, then y, then z, all fixed."""
+    (sr, sp, sy), (cr, cp, cy) = (f(np.array([roll, pitch, yaw]) / 2) for f in (np.sin, np.cos))
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def _solid(kind: str, sizes, centers, quaternions, colors) -> rr.AsComponents:
+    solid = {"colors": colors, "fill_mode": SOLID}
+    if kind == "box":
+        return rr.Boxes3D(sizes=sizes, centers=centers, quaternions=quaternions, **solid)
+    if kind == "cylinder":
+        radii, lengths = sizes.T
+        return rr.Cylinders3D(
+            radii=radii, lengths=lengths, centers=centers, quaternions=quaternions, **solid
+        )
+    return rr.Ellipsoids3D(radii=sizes[:, 0], centers=centers, **solid)
+
+
+def log_floor(stream: rr.RecordingStream, course: np.ndarray, world: str) -> None:
+    """A floor with lines at every meter, wherever a body (positions (T, 3) in m) has been."""
+    (x0, y0), (x1, y1) = (
+        np.floor(course[:, :2].min(axis=0)) - 6,
+        np.ceil(course[:, :2].max(axis=0)) + 6,
+    )
+    floor = rr.Boxes3D(
+        mins=[(x0, y0, -0.1)],
+        sizes=[(x1 - x0, y1 - y0, 0.095)],
+        colors=GROUND_COLOR,
+        fill_mode=SOLID,
+    )
+    stream.log(f"{world}/ground", floor, static=True)
+    lines = [[(x, y0, 0), (x, y1, 0)] for x in np.arange(x0, x1 + 1)]
+    lines += [[(x0, y, 0), (x1, y, 0)] for y in np.arange(y0, y1 + 1)]
+    grid = rr.LineStrips3D(lines, colors=GRID_COLOR, radii=0.01)
+    stream.log(f"{world}/meters", grid, static=True)
+
+
+def log_terrain(stream: rr.RecordingStream, terrain, world: str) -> None:
+    """The ground of a `Terrain` message as a strip with a front, and its obstacles as boxes."""
+    x, z = np.array(terrain.x), np.array(terrain.z)
+    n, side, foot = len(x), np.full(len(x), GROUND_HALF_WIDTH), np.full(len(x), z.min() - 4.0)
+    # Three rows of points: the far edge, the near edge, and below it the foot of the front.
+    rows = (x, side, z), (x, -side, z), (x, -side, foot)
+    i = np.arange(n - 1)[:, None]
+    triangles = [
+        i + (row + corner)
+        for row in (0, n)
+        for corner in (np.array([0, n, 1]), np.array([1, n, n + 1]))
+    ]
+    shades = np.repeat([1.0, 1.0, 0.7], n)[:, None]
+    mesh = rr.Mesh3D(
+        vertex_positions=np.concatenate([np.column_stack(row) for row in rows]),
+        triangle_indices=np.concatenate(triangles),
+        vertex_colors=np.uint8(np.array(GROUND_COLOR) * shades),
+    )
+    stream.log(f"{world}/ground", mesh, static=True)
+    # A little larger than they are, so that their faces do not fight with the ground's.
+    grow, side = 0.01, GROUND_HALF_WIDTH + 0.02
+    obstacles = rr.Boxes3D(
+        mins=[(o.x_min, -side, o.z_min) for o in terrain.obstacles],
+        sizes=[(o.x_max - o.x_min, 2 * side, o.z_max - o.z_min + grow) for o in terrain.obstacles],
+        colors=OBSTACLE_COLOR,
+        fill_mode=SOLID,
+    )
+    stream.log(f"{world}/obstacles", obstacles, static=True)

@@ -1,0 +1,132 @@
+"""What goes where on the screen: a Rerun blueprint for a set of recordings."""
+
+import re
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from designrl.design import ANT
+from designrl.errors import InputError
+from designrl.recording import Recording
+
+GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
+PLOT_SECONDS = 3.0  # to either side of the cursor
+SKY = (215, 215, 255)  # Gymnasium's
+
+# Where the eye is and what it looks at, in m: from the body of a rollout, or in a run's picture of
+# two bodies.
+ROLLOUT_EYES = {
+    "walker": ((1.0, -7.6, 0.5), (1.0, 0, -0.8)),
+    "ant": ((-1.8, -3.2, 1.6), (0.1, 0, 0.1)),
+}
+DESIGN_EYES = {
+    "walker": ((-1.3, -6.5, -0.9), (-1.3, 0, -1.3)),
+    "ant": ((-1.2, -2.6, 2.6), (-1.2, -0.1, 0)),
+}
+
+
+def entity(*names: str) -> str:
+    """An entity path of parts that may hold spaces."""
+    return "/".join(rr.escape_entity_path_part(name) for name in names)
+
+
+def blueprint(recordings: list[Recording], names: list[str]) -> rrb.Blueprint:
+    """The layout: a tab per recording; the timeline is that of the first one.
+
+    Args:
+        names: of the recordings, each the root of its entities.
+
+    Raises:
+        InputError: a recording that is not ours.
+    """
+    makers = {"run": run_layout, "rollout": rollout_layout}
+    tabs = []
+    for recording, name in zip(recordings, names, strict=True):
+        if recording.kind not in makers:
+            raise InputError(f"{recording.path} is not a recording of designrl; name one of those")
+        tabs.append(makers[recording.kind](recording, name))
+    first_is_run = recordings[0].kind == "run"
+    return rrb.Blueprint(
+        tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=GENERATION if first_is_run else TIME,
+            play_state="following" if first_is_run else "playing",
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )
+
+
+def rollout_layout(recording: Recording, title: str) -> rrb.Container:
+    """The body from its side, and below it what it gets, does and feels."""
+    name = entity(title)
+    eye = ROLLOUT_EYES["walker" if "/terrain" in recording.topics else "ant"]
+    return rrb.Vertical(
+        _scene("body", f"{name}/world/follow", f"{name}/world/**", eye),
+        rrb.Horizontal(
+            _plot("score", f"{name}/score"),
+            _plot("reward terms, points per step", f"{name}/reward", seconds=PLOT_SECONDS),
+            _plot("actions", f"{name}/action", seconds=PLOT_SECONDS),
+            _plot("joint angles, rad", f"{name}/joints", seconds=PLOT_SECONDS),
+        ),
+        row_shares=[2, 1],
+        name=title,
+    )
+
+
+def run_layout(recording: Recording, title: str) -> rrb.Container:
+    """Learning curve and sigma; the design's dimensions and the body that they make."""
+    name = entity(title)
+    learning = rrb.Vertical(
+        _plot("return: population mean ± 2 sd, best, evaluations", f"{name}/learning"),
+        _plot("sigma: mean, smallest, largest parameter", f"{name}/sigma"),
+        row_shares=[2, 1],
+    )
+    if not recording.topics.get("/design"):
+        return rrb.Vertical(learning, name=title)
+    unit = recording.unit("/design")
+    plots = [
+        _plot(f"{limb}, {unit} ± sigma", f"{name}/design/{entity(limb)}")
+        for limb in limbs(recording.names("/design"))
+    ]
+    eye = DESIGN_EYES["ant" if len(recording.names("/design")) == ANT.size else "walker"]
+    figure = f"{name}/figure"
+    body = _scene("body at the mean design; gray: original", figure, f"{figure}/**", eye)
+    return rrb.Horizontal(
+        learning,
+        rrb.Vertical(body, rrb.Grid(*plots, grid_columns=2), row_shares=[1, 1]),
+        name=title,
+    )
+
+
+def _scene(title: str, origin: str, contents: str, eye) -> rrb.Spatial3DView:
+    position, target = eye
+    return rrb.Spatial3DView(
+        name=title,
+        origin=origin,
+        contents=contents,
+        background=SKY,
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1)),
+    )
+
+
+def _plot(title: str, origin: str, seconds: float | None = None) -> rrb.TimeSeriesView:
+    """A plot of everything, or of some seconds to either side of the cursor."""
+    axis = None
+    if seconds:
+        cursor = rrb.TimeRangeBoundary.cursor_relative
+        view = rrb.TimeRange(start=cursor(seconds=-seconds), end=cursor(seconds=seconds))
+        axis = rrb.TimeAxis(view_range=view)
+    legend = rrb.Corner2D.LeftTop
+    return rrb.TimeSeriesView(name=title, origin=origin, plot_legend=legend, axis_x=axis)
+
+
+def limbs(names: list[str]) -> dict[str, list[int]]:
+    """Limb -> indices of the dimensions that belong to it; a limb is one of the paper's legs."""
+    found: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        leg = re.search(r"leg \d+", name)
+        found.setdefault(leg[0] if leg else " ".join(name.split()[:2]), []).append(i)
+    return found

@@ -1,0 +1,70 @@
+"""A picture of Rerun's own viewer, without a window."""
+
+import contextlib
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import rerun_cli
+from rerun.experimental import ViewerClient
+
+from designrl.errors import InputError
+from designrl.viewer.layout import TIME
+
+# `rerun` in an environment is a script that starts this one and waits.
+EXECUTABLE = Path(rerun_cli.__file__).with_name("rerun")
+WINDOW_SIZE = "1600x1000"  # pixels
+START_SECONDS = 30.0  # that a viewer without window may take to start
+NOTICES_SECONDS = 6.0  # until the viewer's own notices are gone from a picture
+NO_DRIVER = (
+    "no picture: Rerun's viewer found no graphics driver; on Debian and Ubuntu, a software one "
+    "comes with: apt-get install mesa-vulkan-drivers libxkbcommon-x11-0 libgl1 libegl1"
+)
+
+
+def take_picture(rrd: Path, at: float | None = None) -> bytes:
+    """The picture (PNG) of a viewer that shows an .rrd file; of a rollout, at s of its time.
+
+    Raises:
+        InputError: there is no graphics driver, not even a software one.
+    """
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    command = [EXECUTABLE, rrd, "--headless", "--window-size", WINDOW_SIZE]
+    command += ["--bind", "127.0.0.1", "--port", port]
+    with (
+        tempfile.TemporaryFile() as log,
+        subprocess.Popen(command, stdout=log, stderr=log) as process,
+    ):
+        try:
+            viewer = _connect(process, f"rerun+http://127.0.0.1:{port}/proxy")
+            if at is not None:
+                viewer.set_time(TIME, duration=at, play_state="paused")
+            time.sleep(NOTICES_SECONDS)
+            return viewer.take_screenshot()
+        except RuntimeError as error:
+            log.seek(0)
+            driver = b"adapter" in log.read() and process.poll() is not None
+            raise InputError(NO_DRIVER if driver else f"no picture: {error}") from None
+        finally:
+            process.kill()
+
+
+def _connect(process: subprocess.Popen, url: str) -> ViewerClient:
+    """The viewer of a process, once it has opened its recording.
+
+    Raises:
+        RuntimeError: the process has ended, or is not ready within START_SECONDS.
+    """
+    deadline = time.monotonic() + START_SECONDS
+    while process.poll() is None and time.monotonic() < deadline:
+        with contextlib.suppress(RuntimeError, ConnectionError):
+            viewer = ViewerClient.connect(url)
+            state = viewer.get_state()
+            if state.recordings and not state.loading:
+                return viewer
+        time.sleep(0.1)
+    raise RuntimeError("Rerun's viewer did not start")
