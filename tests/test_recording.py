@@ -3,11 +3,13 @@
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import gymnasium
 import lz4.frame
@@ -28,6 +30,7 @@ from designrl.recording import (
     mcap_file,
     read,
     record_rollout,
+    schema_pb2,
     thin,
 )
 from designrl.recording.urdf import body_urdf
@@ -91,6 +94,21 @@ def rollout(tmp_path_factory):
     path = tmp_path_factory.mktemp("rollout") / "rollout.mcap"
     record_rollout(random_agent("biped-hardcore-morphology"), path, seed=3, metadata={"note": "é"})
     return path
+
+
+def test_the_generated_module_is_that_of_the_proto_file():
+    text = (Path(schema_pb2.__file__).parent / "schema.proto").read_text()
+    found = {
+        (message, name, int(number))
+        for message, body in re.findall(r"^message (\w+) \{(.*?)^\}", text, re.M | re.S)
+        for name, number in re.findall(r"(\w+) = (\d+);", body)
+    }
+    assert found == {
+        (message.name, field.name, field.number)
+        for message in schema_pb2.DESCRIPTOR.message_types_by_name.values()
+        for field in message.fields
+    }
+    assert not re.findall(r"= \d+;$", text, re.M), "each field has a comment"
 
 
 # ------------------------------------------------------------------------------- a run
@@ -199,6 +217,18 @@ def test_a_file_is_whole_before_it_is_closed(tmp_path):
     assert read(path).complete and "incomplete" not in describe(path)
 
 
+def test_a_run_that_was_stopped_says_so(tmp_path):
+    path = tmp_path / "run.mcap"
+    with (
+        pytest.raises(KeyboardInterrupt),
+        RunWriter(path, {"experiment": EXPERIMENT.name}) as writer,
+    ):
+        writer.generation(**generation(0))
+        raise KeyboardInterrupt
+    assert not read(path).complete
+    assert "incomplete (the run was stopped): it goes up to generation 0" in describe(path)
+
+
 def test_a_killed_process_leaves_a_readable_file(tmp_path):
     path = tmp_path / "run.mcap"
     script = (
@@ -216,6 +246,26 @@ def test_a_killed_process_leaves_a_readable_file(tmp_path):
     recording = read(path)
     assert recording.generations[-1] >= done
     assert np.array_equal(recording.generations, np.arange(len(recording.generations)))
+
+
+def test_an_interrupt_waits_until_the_record_is_whole(tmp_path, monkeypatch):
+    path, pwrite = tmp_path / "run.mcap", os.pwrite
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return pwrite(*arguments)
+
+    with RunWriter(path, {"experiment": EXPERIMENT.name}) as writer:
+        for index in range(4):
+            writer.generation(**generation(index))
+            monkeypatch.setattr(os, "pwrite", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                writer.flush()
+            monkeypatch.setattr(os, "pwrite", pwrite)
+    recording = read(path)
+    assert recording.complete and recording.generations.tolist() == [0, 1, 2, 3]
+    with path.open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == 16
 
 
 @pytest.mark.parametrize("kind", ["run", "rollout"])

@@ -8,7 +8,9 @@ size before it takes memory for it, and stops where the file stops making sense.
 
 import contextlib
 import os
+import signal
 import struct
+import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator
@@ -38,6 +40,26 @@ class RecordingError(InputError):
 
 
 # -------------------------------------------------------------------------------------- writing
+
+
+@contextlib.contextmanager
+def uninterrupted():
+    """Ctrl-C and a polite kill wait until the block is done, lest they tear a record."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals reach the main thread only
+        return
+    held: list[int] = []
+    handlers = {
+        number: signal.signal(number, lambda number, frame: held.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 class _Tail:

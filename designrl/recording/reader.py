@@ -70,8 +70,9 @@ class Recording:
 
     @property
     def complete(self) -> bool:
-        """The file is whole and was ended on purpose."""
-        return self.problem is None and any(name == END for name, _ in self._scan.metadata)
+        """The file is whole, and so is the run or rollout in it."""
+        end = dict(self._scan.metadata).get(END, {})
+        return self.problem is None and end.get("finished") == "true"
 
     @property
     def topics(self) -> dict[str, int]:
@@ -227,7 +228,10 @@ def describe(path: str | Path) -> str:
             else "it is empty",
             ROLLOUT: f"it goes up to {recording.seconds:.2f} s",
         }.get(recording.kind, f"it has {sum(recording.topics.values())} messages")
-        reason = recording.problem or "the run has not ended, or was killed"
+        ended = END in dict(recording.metadata_records)
+        reason = recording.problem or (
+            "the run was stopped" if ended else "the run has not ended, or was killed"
+        )
         lines.append(f"  incomplete ({reason}): {how_far}")
     lines += [f"  {topic}: {count} messages" for topic, count in recording.topics.items()]
     for name, values in recording.metadata_records:

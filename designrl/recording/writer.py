@@ -14,7 +14,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from designrl.experiments import get_experiment
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.bodies import GROUND_REFRESH, make_body, relative
-from designrl.recording.mcap_file import McapFile, RecordingError, messages, scan
+from designrl.recording.mcap_file import McapFile, RecordingError, messages, scan, uninterrupted
 
 RUN, ROLLOUT, END, RESUMED, THINNED = "run", "rollout", "end", "resumed", "thinned"
 HEAVY_TOPICS = ("/distribution", "/returns")  # all but a hundredth of a run's bytes
@@ -85,6 +85,7 @@ class RunWriter:
         data = message.SerializeToString()
         self._file.message(channel, self._log_time, message.generation, data)
 
+    @uninterrupted()
     def generation(
         self,
         index: int,
@@ -160,6 +161,7 @@ class RunWriter:
         )
         self._file.seal_if_due()
 
+    @uninterrupted()
     def evaluation(
         self, index: int, scores: np.ndarray, steps: np.ndarray, seeds: np.ndarray, kept: bool
     ) -> None:
@@ -183,10 +185,12 @@ class RunWriter:
         )
         self._file.seal_if_due()
 
+    @uninterrupted()
     def flush(self) -> None:
         """Put everything so far into the file."""
         self._file.seal()
 
+    @uninterrupted()
     def close(self, finished: bool = True) -> None:
         """Put everything into the file and end it; a second call does nothing."""
         if self._file.is_open:
