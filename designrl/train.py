@@ -47,7 +47,7 @@ class _Progress:
     best_generation: int | None = None
     total_steps: int = 0  # environment steps, evaluations included
     seconds: float = 0.0  # wall time
-    cpu_seconds: float = 0.0  # seconds times the workers that were used
+    cpu_seconds: float = 0.0  # processor time; for a pool of processes, wall time times workers
 
 
 class TrainingRun:
@@ -143,7 +143,7 @@ class TrainingRun:
                 raise
 
     def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> None:
-        start = time.perf_counter()
+        start = time.perf_counter(), time.process_time()
         settings, optimiser = self.settings, self.optimiser
         index = optimiser.generation
         mu, sigma = optimiser.mu.numpy().copy(), optimiser.sigma.numpy().copy()
@@ -161,8 +161,8 @@ class TrainingRun:
         returns = result.returns.mean(axis=1)
         optimiser.tell(returns)
         steps = int(result.steps.sum())
-        self._account(start, steps)
-        seconds = time.perf_counter() - start
+        self._account(simulator, start, steps)
+        seconds = time.perf_counter() - start[0]
         recorder.generation(
             index=index,
             mu=mu,
@@ -189,7 +189,7 @@ class TrainingRun:
 
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
         """Score an agent without training-time rewards; keep it if it is the best so far."""
-        start = time.perf_counter()
+        start = time.perf_counter(), time.process_time()
         settings, progress = self.settings, self.progress
         generation = self.optimiser.generation
         episodes = settings.evaluation_episodes or (
@@ -200,7 +200,7 @@ class TrainingRun:
         result = simulator.rollout(parameters[None], seeds, self._rules(training=False))
         score = float(result.returns.mean())
         kept = progress.best_score is None or score > progress.best_score
-        self._account(start, int(result.steps.sum()))
+        self._account(simulator, start, int(result.steps.sum()))
         agent = Agent(
             self.experiment,
             parameters,
@@ -242,11 +242,14 @@ class TrainingRun:
         seeds = sequence.generate_state(rows * r).astype(np.int64).reshape(rows, r)
         return np.concatenate([seeds, seeds]) if mirrored else seeds
 
-    def _account(self, start: float, steps: int) -> None:
-        seconds = time.perf_counter() - start
+    def _account(self, simulator: Simulator, start: tuple[float, float], steps: int) -> None:
+        seconds = time.perf_counter() - start[0]
+        # The processor time of a pool's processes is not known before they end.
+        pooled = simulator.backend == "reference" and self.workers > 1
+        cpu_seconds = seconds * self.workers if pooled else time.process_time() - start[1]
         self.progress.total_steps += steps
         self.progress.seconds += seconds
-        self.progress.cpu_seconds += seconds * self.workers
+        self.progress.cpu_seconds += cpu_seconds
 
     def _metadata(self) -> dict[str, str]:
         """What a recording says of its run."""

@@ -1,0 +1,119 @@
+"""Publish a training run: its checkpoint and card to pretrained/, its recordings to logs/.
+
+    python -m reproduce.publish runs/biped-morphology/seed0
+
+logs/EXPERIMENT/seedK is a run's folder itself, with generations dropped (never rounded) and three
+of its rollouts, so `designrl train EXPERIMENT ... --out logs/EXPERIMENT/seedK --resume` goes on
+with the run. Publishing again replaces what was there.
+"""
+
+import argparse
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from designrl.checkpoint import file_hash, load, read_tensors
+from designrl.errors import InputError
+from designrl.recording import read, thin
+from designrl.train import STATE_FORMAT
+from reproduce.scores import ROOT, paper, score
+
+KEPT_GENERATIONS = 80  # about as many stay in a published recording
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Publish the run in a folder."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path, help="the run's folder")
+    run = parser.parse_args(argv).run
+    try:
+        _, state = read_tensors(run / "state.safetensors", STATE_FORMAT)
+        agent = load(run / "best.safetensors")
+    except InputError as error:
+        sys.exit(f"publish: {error}")
+    experiment, seed = agent.experiment.name, agent.metadata["seed"]
+    checkpoint = ROOT / "pretrained" / experiment / f"seed{seed}.safetensors"
+    log = ROOT / "logs" / experiment / f"seed{seed}"
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(run / "best.safetensors", checkpoint)
+    host = publish_recordings(run, log, agent.metadata["generation"])
+    card = write_card(checkpoint, agent, state, host)
+    print(f"{checkpoint}, {card} and {log} written")
+
+
+def publish_recordings(run: Path, log: Path, best_generation: int) -> str:
+    """Thin the run's recording into `log`, with its state and three rollouts; returns its host."""
+    recording = read(run / "generations.mcap")
+    every = max(1, len(recording.generations) // KEPT_GENERATIONS)
+    (log / "rollouts").mkdir(parents=True, exist_ok=True)
+    thin(run / "generations.mcap", log / "generations.mcap", every=every)
+    for name in ("state.safetensors", "best.safetensors"):
+        shutil.copyfile(run / name, log / name)
+    for old in (log / "rollouts").iterdir():
+        old.unlink()
+    rollouts = sorted((run / "rollouts").glob("*.mcap"))
+    best = next(path for path in rollouts if path.stem.endswith(f"{best_generation:05d}"))
+    for path in {rollouts[0], rollouts[rollouts.index(best) // 2], best}:
+        shutil.copyfile(path, log / "rollouts" / path.name)
+    return recording.metadata["host"]
+
+
+def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
+    """Write what a reader must know of a checkpoint beside it."""
+    experiment, m, cost = agent.experiment, agent.metadata, state["progress"]
+    result = score(checkpoint, experiment.name)
+    error = 1.96 * result.std / np.sqrt(len(result.returns))
+    paper_mean, paper_std = paper()["table3"][experiment.name]
+    settings = m["settings"]
+    kept = "mean of the distribution" if settings.get("keep") == "mean" else "best candidate"
+    defaults = {
+        "population": (settings["population"], experiment.population),
+        "rollouts per candidate": (
+            ", ".join(f"{r} from generation {g}" for g, r in settings["rollouts"]),
+            f"{experiment.rollouts} from generation 0",
+        ),
+        "generations": (settings["generations"], experiment.generations),
+        "σ decay per generation": (settings["sigma_decay"] or 0.9995, 0.9995),
+        "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),
+    }
+    lines = [
+        f"# {experiment.title}, seed {settings['seed']}",
+        "",
+        f"({experiment.letter}) of Table 3; `{checkpoint.name}`, sha256 {file_hash(checkpoint)}.",
+        "",
+        f"**Score** {result.mean:.1f} ± {result.std:.1f} over 100 rollouts on the reference "
+        f"environment (95 % interval of the mean {result.mean - error:.1f} to "
+        f"{result.mean + error:.1f}; evaluation seed 0). The paper's ten runs: {paper_mean} ± "
+        f"{paper_std}.",
+        "",
+        f"**Cost** {cost['total_steps']:,} environment steps, {cost['cpu_seconds'] / 3600:.2f} "
+        f"core-hours, {cost['seconds'] / 3600:.2f} hours of wall time on {host}. The kept agent is "
+        f"of generation {m['generation']} of {settings['generations']}, after "
+        f"{m['environment_steps']:,} steps.",
+        "",
+        "| setting | this run | the paper, its code |",
+        "|---|---|---|",
+        *(f"| {name} | {ours} | {theirs} |" for name, (ours, theirs) in defaults.items()),
+        "",
+        f"Kept: the {kept} with the best evaluation during training "
+        f"({m['score']:.1f} over {m['score_episodes']} episodes"
+        + (", with the reward for smaller legs)." if experiment.leg_area_reward else ")."),
+    ]
+    if agent.design is not None:
+        body = experiment.body
+        lines += ["", f"| part | % of the original | {body.unit} |", "|---|---|---|"]
+        lines += [
+            f"| {name} | {100 * scale:.0f} | {size:.3f} |"
+            for name, scale, size in zip(
+                body.names, agent.design, body.dimensions(agent.design), strict=True
+            )
+        ]
+    card = checkpoint.with_suffix(".md")
+    card.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return card
+
+
+if __name__ == "__main__":
+    main()
