@@ -325,8 +325,20 @@ def test_files_of_other_writers_are_described(compression, use_chunking, tmp_pat
     writer.finish()
     assert "MCAP file of another program" in describe(path)
     assert read(path).topics == {"/thing": 3}
-    with pytest.raises(RecordingError, match="unknown type other.Thing"):
+    with pytest.raises(RecordingError, match="unknown type 'other.Thing'"):
         list(read(path).messages("/thing"))
+
+
+def test_messages_without_a_schema_are_counted(tmp_path):
+    path = tmp_path / "other.mcap"
+    writer = Writer(str(path))
+    writer.start()
+    channel = writer.register_channel("/thing", "json", 0)
+    writer.add_message(channel, 0, b"{}", 0)
+    writer.finish()
+    assert read(path).topics == {"/thing": 1} and "/thing" in describe(path)
+    with pytest.raises(RecordingError, match="no field 'x'"):
+        read(path).array("/thing", "x")
 
 
 @pytest.mark.parametrize("resume", [0, 1, 5, 12, 20])

@@ -92,7 +92,7 @@ class McapFile:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.new")
+        self._temporary = self.path.with_name(f".{self.path.name}.new")
         self._file = None
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -226,6 +226,10 @@ class Scan:
     blocks: list[tuple[int, int]] = field(default_factory=list)
     times: tuple[int, int] | None = None
     problem: str | None = None
+
+    def schema(self, channel: Channel) -> Schema:
+        """What the channel's messages are; nameless where the file does not say."""
+        return self.schemas.get(channel.schema_id) or Schema(0, b"", "", "")
 
 
 @dataclass(frozen=True)

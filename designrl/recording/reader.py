@@ -106,10 +106,10 @@ class Recording:
         Raises:
             RecordingError: no such topic, or messages that are not of this package's kinds.
         """
-        name = self._scan.schemas[self._channel(topic).schema_id].name
+        name = self._scan.schema(self._channel(topic)).name
         kind = _CLASSES.get(name)
         if kind is None and name != "std_msgs/msg/String":
-            raise RecordingError(f"{topic} in {self.path} has messages of unknown type {name}")
+            raise RecordingError(f"{topic} in {self.path} has messages of unknown type {name!r}")
         for message in self.raw(topic):
             try:
                 yield kind.FromString(message.data) if kind else message.data[8:-1].decode()
@@ -145,7 +145,7 @@ class Recording:
         channel = self._channel(topic)
         if field == "log_time":
             return np.array([m.log_time for m in self.raw(topic)], dtype=np.int64)
-        kind = _CLASSES.get(self._scan.schemas[channel.schema_id].name)
+        kind = _CLASSES.get(self._scan.schema(channel).name)
         found = kind.DESCRIPTOR.fields_by_name.get(field) if kind else None
         if found is None or found.type not in _DTYPES:
             raise RecordingError(f"{topic} in {self.path} has no field {field!r} of numbers")

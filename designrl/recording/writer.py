@@ -207,28 +207,25 @@ class RunWriter:
             self.close(finished=kind is None)
 
 
-def _copy(target: McapFile, source: Path, keep) -> int:
-    """Copy metadata and the messages for which keep(topic, generation) holds; returns how many."""
+def _copy(target: McapFile, source: Path, keep) -> None:
+    """Copy metadata and the messages for which keep(topic, generation) holds."""
     found = scan(source)
     for name, values in found.metadata:
         if name != END:
             target.metadata(name, values)
     ids = {}
     for channel in found.channels.values():
-        old = found.schemas[channel.schema_id]
+        old = found.schema(channel)
         ids[channel.id] = target.channel(
             channel.topic,
             lambda old=old, about=channel.metadata: (old.name, old.encoding, old.data, about),
         )
-    count = 0
     for message in messages(found, set(ids)):
         if keep(found.channels[message.channel_id].topic, message.sequence):
             target.message(
                 ids[message.channel_id], message.log_time, message.sequence, message.data
             )
             target.seal_if_due()
-            count += 1
-    return count
 
 
 def thin(source: str | Path, target: str | Path, every: int) -> None:
@@ -246,7 +243,6 @@ def thin(source: str | Path, target: str | Path, every: int) -> None:
     if "/summary" not in topics:
         raise RecordingError(f"{source} is not the recording of a run; name a generations.mcap")
     chosen = {m.sequence for m in messages(found, {topics["/summary"]})}
-    total = len(chosen)
     kept = {g for g in chosen if g % every == 0} | {min(chosen), max(chosen)}
     if "/evaluation" in topics:
         kept |= {m.sequence for m in messages(found, {topics["/evaluation"]})}
@@ -257,7 +253,7 @@ def thin(source: str | Path, target: str | Path, every: int) -> None:
             "every": every,
             "topics": HEAVY_TOPICS,
             "kept_generations": len(kept & chosen),
-            "of_generations": total,
+            "of_generations": len(chosen),
             "note": "the first, the last, those with an evaluation and every Nth generation have "
             "their distribution and returns; other topics are complete; nothing is rounded",
         }
@@ -414,9 +410,10 @@ class RolloutWriter:
 def _caption(metadata: dict) -> str:
     """What stands above the URDF; viewers show it as text beside the picture."""
     lines = [f"{key}: {metadata[key]}" for key in ("experiment", "seed") if key in metadata]
-    body = metadata.get("body", {})
-    lines += [f"{name}: {size:.4g}" for name, size in body.items()]
-    return "\n".join(["designrl rollout", *lines, f"in {metadata['unit']}" if body else ""])
+    if "body" in metadata:
+        lines.append(f"body, in {metadata['unit']}:")
+        lines += [f"  {name}: {size:.4g}" for name, size in metadata["body"].items()]
+    return "\n".join(["designrl rollout", *lines])
 
 
 def _point_cloud(points: np.ndarray, colors: np.ndarray, now: int) -> PointCloud:
