@@ -231,9 +231,9 @@ def _copy(target: McapFile, source: Path, keep) -> None:
 def thin(source: str | Path, target: str | Path, every: int) -> None:
     """Copy a run's recording with the distributions and returns of only some generations.
 
-    Kept are those of every `every`-th generation, of the first and last, and of those with an
-    evaluation; summaries, designs and evaluations of all generations. Nothing is rounded. The
-    metadata record "thinned" says what was done.
+    Kept are those of every `every`-th generation and of the last; summaries, designs and
+    evaluations of all generations. Nothing is rounded. The metadata record "thinned" says what was
+    done.
 
     Raises:
         RecordingError: a file cannot be read or written, or is not of a run.
@@ -244,18 +244,16 @@ def thin(source: str | Path, target: str | Path, every: int) -> None:
         raise RecordingError(f"{source} is not the recording of a run; name a generations.mcap")
     chosen = {m.sequence for m in messages(found, {topics["/summary"]})}
     kept = {g for g in chosen if g % every == 0} | {min(chosen), max(chosen)}
-    if "/evaluation" in topics:
-        kept |= {m.sequence for m in messages(found, {topics["/evaluation"]})}
     file = McapFile(target)
     try:
         _copy(file, Path(source), lambda topic, g: topic not in HEAVY_TOPICS or g in kept)
         values = {
             "every": every,
             "topics": HEAVY_TOPICS,
-            "kept_generations": len(kept & chosen),
+            "kept_generations": len(kept),
             "of_generations": len(chosen),
-            "note": "the first, the last, those with an evaluation and every Nth generation have "
-            "their distribution and returns; other topics are complete; nothing is rounded",
+            "note": "these topics have the first, the last and every Nth generation; the other "
+            "topics are complete, and nothing is rounded",
         }
         file.metadata(THINNED, as_text(values))
         for name, end in found.metadata:
