@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun_cli
 from PIL import Image
 from test_recording import random_agent, write_run
 
@@ -15,14 +14,13 @@ from designrl.errors import InputError
 from designrl.recording import read, record_rollout
 from designrl.recording.mcap_file import McapFile
 from designrl.viewer import picture as picture_module
-
-RERUN = Path(rerun_cli.__file__).with_name("rerun")
+from designrl.viewer.picture import EXECUTABLE, NO_DRIVER
 
 
 def rerun(*arguments) -> subprocess.CompletedProcess:
     """Run stock Rerun; its messages come back in stdout."""
     return subprocess.run(
-        [RERUN, *map(str, arguments)],
+        [EXECUTABLE, *map(str, arguments)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -33,9 +31,9 @@ def rerun(*arguments) -> subprocess.CompletedProcess:
 def stock_picture(recording: Path, folder: Path) -> np.ndarray:
     """What `rerun FILE` shows, with no code of ours: (H, W, 3) uint8."""
     target = folder / f"{recording.stem}.png"
-    done = rerun(recording, "--headless", "--screenshot-to", target, "--window-size", "1280x800")
+    rerun(recording, "--headless", "--screenshot-to", target, "--window-size", "1280x800")
     if not target.exists():
-        pytest.skip(f"no Vulkan driver for Rerun's viewer here: {done.stdout[-300:]}")
+        pytest.skip(NO_DRIVER)
     return np.array(Image.open(target).convert("RGB").resize((1280, 800)))
 
 

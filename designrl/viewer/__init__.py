@@ -48,7 +48,7 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
             stream.spawn(default_blueprint=layout)
         else:
             target = Path(save) if save is not None else Path(folder) / "replay.rrd"
-            _check_writable(target)
+            _write(target, b"")  # Rerun itself would say nothing
             stream.save(target, default_blueprint=layout)
         for recording, name in zip(recordings, names, strict=True):
             log_recording(stream, recording, name)
@@ -56,14 +56,13 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
         stream.disconnect()
         if screenshot is not None:
             middle = recordings[0].seconds / 2 if recordings[0].kind == "rollout" else None
-            _check_writable(Path(screenshot))
-            Path(screenshot).write_bytes(take_picture(target, middle))
+            _write(Path(screenshot), take_picture(target, middle))
 
 
-def _check_writable(path: Path) -> None:
+def _write(path: Path, data: bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("ab").close()
+        path.write_bytes(data)
     except OSError as error:
         raise InputError(
             f"{path} cannot be written ({error.strerror}); choose another place"

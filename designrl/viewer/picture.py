@@ -1,6 +1,7 @@
 """A picture of Rerun's own viewer, without a window."""
 
 import contextlib
+import re
 import socket
 import subprocess
 import tempfile
@@ -19,8 +20,8 @@ WINDOW_SIZE = "1600x1000"  # pixels
 START_SECONDS = 30.0  # that a viewer without window may take to start
 NOTICES_SECONDS = 6.0  # until the viewer's own notices are gone from a picture
 NO_DRIVER = (
-    "no picture: Rerun's viewer found no graphics driver; on Debian and Ubuntu, a software one "
-    "comes with: apt-get install mesa-vulkan-drivers libxkbcommon-x11-0 libgl1 libegl1"
+    "no picture: Rerun's viewer found no Vulkan driver; on Debian and Ubuntu, a software one "
+    "comes with: apt-get install mesa-vulkan-drivers"
 )
 
 
@@ -47,8 +48,8 @@ def take_picture(rrd: Path, at: float | None = None) -> bytes:
             return viewer.take_screenshot()
         except RuntimeError as error:
             log.seek(0)
-            driver = b"adapter" in log.read() and process.poll() is not None
-            raise InputError(NO_DRIVER if driver else f"no picture: {error}") from None
+            no_driver = re.search(b"No graphics adapter|render context", log.read())
+            raise InputError(NO_DRIVER if no_driver else f"no picture: {error}") from None
         finally:
             process.kill()
 
