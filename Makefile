@@ -1,6 +1,7 @@
 # Each target does whatever set-up it needs; a second call sets nothing up again.
-#   make reproduce-table3            the summary of the results, paper and ours side by side
-#   make reproduce-table3 ZOO=path   the same with the author's 2018 weights as a further column
+#   make reproduce                   all tables, figures and the report, as far as out of date
+#   make reproduce-table3            one of them: table1 .. table4, figure1 .. figure7, ...
+#   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make test                        the test suite
 #   make bench                       speeds as ratios to a named baseline
 PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
@@ -10,12 +11,13 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 ENGINE_SOURCES := $(wildcard setup.py designrl/simulation/csrc/*)
+REPRODUCE := $(addprefix reproduce-,table1 table2 table3 table4)
 
 export ZOO
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce-table3 verify-engine clean
+.PHONY: setup test bench lint reproduce $(REPRODUCE) verify-engine clean
 
 setup: $(READY)
 
@@ -45,8 +47,11 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-reproduce-table3: $(READY)
-	@$(BIN)/python -m reproduce.table3
+reproduce: $(READY)
+	@$(BIN)/python -m reproduce.build
+
+$(REPRODUCE): reproduce-%: $(READY)
+	@$(BIN)/python -m reproduce.build $*
 
 verify-engine: $(READY)
 	@$(BIN)/python -m designrl.simulation.verify

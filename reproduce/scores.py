@@ -4,6 +4,7 @@ A score is kept in .cache/scores under a name made of all that it depends on: th
 experiment, seed, episodes, the hash of the scoring sources and the libraries' versions.
 """
 
+import contextlib
 import hashlib
 import json
 import os
@@ -28,17 +29,28 @@ SEED = 0
 # What a score can change with; the other libraries only read and write files.
 LIBRARIES = ("sources", "box2d-py", "gymnasium", "numpy", "pybullet")
 
-# The author's representative run of each experiment, by its file's name in the 2018 repositories.
+# The author's runs by their names in the 2018 repositories (astool and estool): run 1 of each
+# experiment lies in zoo/, runs 2 to 10 in zoo/more/ under these names with the run's number.
 PUBLISHED_FILES = {
-    "ant": "robo_ant.json",
-    "ant-morphology": "augment_ant.json",
-    "biped": "biped.json",
-    "biped-morphology": "augmentbiped.json",
-    "biped-morphology-smaller-leg": "augmentbipedsmalllegs.json",
-    "biped-hardcore": "bipedhard.json",
-    "biped-hardcore-morphology": "augmentbipedhard.json",
-    "biped-hardcore-morphology-smaller-leg": "augmentbipedhardsmalllegs.json",
+    "ant": ("robo_ant", "more/robo_ant/robo_ant"),
+    "ant-morphology": ("augment_ant", "more/augmentant/augment_ant"),
+    "biped": ("biped", "more/biped/biped"),
+    "biped-morphology": ("augmentbiped", "more/augmentbiped/augmentbiped"),
+    "biped-morphology-smaller-leg": (
+        "augmentbipedsmalllegs",
+        "more/augmentbipedsmall/augmentbipedsmall",
+    ),
+    "biped-hardcore": ("bipedhard", "more/bipedhard/bipedhard"),
+    "biped-hardcore-morphology": (
+        "augmentbipedhard",
+        "more/augmentbipedhard/augmentbipedhard",
+    ),
+    "biped-hardcore-morphology-smaller-leg": (
+        "augmentbipedhardsmalllegs",
+        "more/augmentbipedhardsmall/augmentbipedhardsmalllegs",
+    ),
 }
+PUBLISHED_RUNS = 10
 
 
 @dataclass(frozen=True)
@@ -77,20 +89,46 @@ def paper() -> dict:
 
 def pretrained(experiment: str) -> list[Path]:
     """Our checkpoints of an experiment, by seed."""
-    return sorted((ROOT / "pretrained" / experiment).glob("*.safetensors"))
+    found = (ROOT / "pretrained" / experiment).glob("*.safetensors")
+    return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
-def published(zoo: str | Path, experiment: str) -> Path:
-    """The author's file of an experiment in a clone of the 2018 repositories (or its zoo folder).
+def published_name(experiment: str, run: int = 1) -> str:
+    """The file of one of the author's runs, seen from a zoo folder."""
+    first, more = PUBLISHED_FILES[experiment]
+    return f"{first}.json" if run == 1 else f"{more}.{run}.json"
+
+
+def published(zoo: str | Path, experiment: str, run: int = 1) -> Path:
+    """The author's file of a run in a zoo folder of 2018, a clone with one, or a folder of clones.
 
     Raises:
         InputError: it is not there; the message says what was looked for.
     """
-    name = PUBLISHED_FILES[experiment]
-    for folder in (Path(zoo), Path(zoo) / "zoo"):
+    name = published_name(experiment, run)
+    for folder in (Path(zoo), Path(zoo) / "zoo", *sorted(Path(zoo).glob("*/zoo"))):
         if (folder / name).is_file():
             return folder / name
-    raise InputError(f"{zoo} has no {name}, nor has its folder zoo; name the 2018 zoo folder")
+    raise InputError(
+        f"{zoo} has no {name}, nor have its folders zoo and */zoo; name the 2018 zoo folder"
+    )
+
+
+def published_runs(zoo: str | Path, experiment: str) -> dict[int, Path]:
+    """Those of the author's runs 1 to 10 that are there."""
+    found = {}
+    for run in range(1, PUBLISHED_RUNS + 1):
+        with contextlib.suppress(InputError):
+            found[run] = published(zoo, experiment, run)
+    return found
+
+
+def load_design(path: Path, experiment: str) -> Score:
+    """A checkpoint with its design but without scores; a `problem` where it cannot be used."""
+    try:
+        return Score(path, file_hash(path), load(path, experiment))
+    except InputError as error:
+        return Score(path, problem=str(error).replace(str(path), shown(path)))
 
 
 def score(path: Path, experiment: str, episodes: int = EPISODES, seed: int = SEED) -> Score:
@@ -101,7 +139,7 @@ def score(path: Path, experiment: str, episodes: int = EPISODES, seed: int = SEE
     try:
         agent = load(path, experiment)
     except InputError as error:
-        return Score(path, problem=str(error))
+        return Score(path, problem=str(error).replace(str(path), shown(path)))
     sha256 = file_hash(path)
     key = json.dumps([sha256, experiment, episodes, seed, [versions()[name] for name in LIBRARIES]])
     kept = CACHE / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
@@ -124,23 +162,61 @@ def shown(path: Path) -> str:
     return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else path.name
 
 
-def pretrained_scores() -> dict[str, list[Score]]:
-    """Scores of all our checkpoints, by experiment."""
-    return {name: [score(path, name) for path in pretrained(name)] for name in EXPERIMENTS}
+def seed_of(path: Path) -> str:
+    """How a table calls one of our runs: its file's name, seed0 for instance."""
+    return path.stem.replace("seed", "seed ")
 
 
-def published_scores(zoo: str | Path) -> dict[str, Score]:
-    """Scores of the author's representative runs, by experiment; missing files are named."""
-    found = {}
-    for name in EXPERIMENTS:
-        try:
-            found[name] = score(published(zoo, name), name)
-        except InputError as error:
-            print(error, file=sys.stderr)
-            found[name] = Score(Path(zoo) / PUBLISHED_FILES[name], problem=str(error))
+def pretrained_scores(names=EXPERIMENTS) -> dict[str, list[Score]]:
+    """Scores of our checkpoints, by experiment."""
+    return {name: [score(path, name) for path in pretrained(name)] for name in names}
+
+
+def published_scores(zoo: str | None, names=EXPERIMENTS) -> dict[str, dict[int, Score]]:
+    """Scores of the author's runs, by experiment and run; a missing run 1 is named.
+
+    Empty without a zoo.
+    """
+    found: dict[str, dict[int, Score]] = {name: {} for name in names}
+    for name in names if zoo else ():
+        found[name] = {run: score(p, name) for run, p in published_runs(zoo, name).items()}
+        if 1 not in found[name]:
+            try:
+                published(zoo, name)
+            except InputError as error:
+                problem = str(error)
+            found[name] = {1: Score(Path(published_name(name)), problem=problem), **found[name]}
     return found
 
 
 def zoo_argument() -> str | None:
-    """The folder that `make ... ZOO=path` names."""
-    return os.environ.get("ZOO") or None
+    """The folder that `make ... ZOO=path` names; ends the program where it has no known file."""
+    zoo = os.environ.get("ZOO")
+    if not zoo:
+        return None
+    if not any(published_runs(zoo, name) for name in EXPERIMENTS):
+        sys.exit(
+            f"ZOO={zoo} is not a folder of the author's weights: looked in it and in its folders "
+            f"zoo and */zoo for {', '.join(published_name(name) for name in EXPERIMENTS)}"
+        )
+    return zoo
+
+
+def output_folder() -> Path:
+    """paper/, or paper/with-zoo/ (not committed) where ZOO adds the author's weights."""
+    return ROOT / "paper" / ("with-zoo" if zoo_argument() else "")
+
+
+def read_for(*names: str) -> list[Path]:
+    """All files that scores of these experiments depend on: the paper's, ours, the author's."""
+    zoo = zoo_argument()
+    return [
+        ROOT / "paper" / "paper.toml",
+        *(path for name in names for path in pretrained(name)),
+        *(path for name in names if zoo for path in published_runs(zoo, name).values()),
+    ]
+
+
+def best_first(found: list[Score]) -> list[Score]:
+    """The usable ones, by their mean score."""
+    return sorted((s for s in found if not s.problem), key=lambda s: -s.mean)

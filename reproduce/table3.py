@@ -7,12 +7,19 @@ paper/tables/table3.md, .tex and .csv, and prints the table.
     make reproduce-table3 ZOO=path/to/the/2018/zoo
 """
 
+from pathlib import Path
+
 import numpy as np
 
-from designrl.checkpoint import versions
 from designrl.experiments import EXPERIMENTS
-from reproduce import scores
-from reproduce.tables import write_table
+from reproduce import build, scores
+from reproduce.scores import Score
+from reproduce.tables import MISSING, origin_notes, scoring_note, write_table
+
+
+def reads() -> list[Path]:
+    """The files that the table depends on."""
+    return scores.read_for(*EXPERIMENTS)
 
 
 def in_words(ours: list[float], paper_mean: float, paper_runs: list[float]) -> str:
@@ -32,87 +39,77 @@ def in_words(ours: list[float], paper_mean: float, paper_runs: list[float]) -> s
     return f"{words}, within its runs ({low:.0f} to {high:.0f})"
 
 
-def mean_and_std(values: list[float]) -> str:
-    """As the paper prints it."""
-    return f"{np.mean(values):.0f} ± {np.std(values):.1f}"
+def summary(found: list[Score]) -> str:
+    """Mean ± std over runs as printed; of a single run, over its rollouts and with *."""
+    if len(found) == 1:
+        return f"{found[0].mean:.0f} ± {found[0].std:.1f} *"
+    means = [s.mean for s in found]
+    return f"{np.mean(means):.0f} ± {np.std(means):.1f}"
 
 
-def main() -> None:
-    """Print and write the table."""
+def main() -> list[Path]:
+    """Write the table; returns its files."""
     printed = scores.paper()
     zoo = scores.zoo_argument()
     ours = scores.pretrained_scores()
-    authors = scores.published_scores(zoo) if zoo else {}
+    authors = scores.published_scores(zoo)
 
     header = ["", "Experiment", "Paper (10 runs)", "Ours", "Our runs", "Ours is"]
     if zoo:
-        header.append("Author's weights, here (paper's run 1)")
-    rows, records, origins = [], [], []
+        header += ["Author's weights, here", "of runs (the paper's mean of these)"]
+    rows, records = [], []
     for name, experiment in EXPERIMENTS.items():
+        if experiment.letter in "cf":
+            rows.append(None)
         paper_mean, paper_std = printed["table3"][name]
         good = [s for s in ours[name] if not s.problem]
         means = [s.mean for s in good]
-        if not good:
-            value, words = "-", "no checkpoint yet"
-        elif len(good) == 1:
-            value = f"{good[0].mean:.0f} ± {good[0].std:.1f} *"
-            words = in_words(means, paper_mean, printed["table4"][name])
-        else:
-            value = mean_and_std(means)
-            words = in_words(means, paper_mean, printed["table4"][name])
+        value, words = "-", MISSING
+        if good:
+            value, words = summary(good), in_words(means, paper_mean, printed["table4"][name])
         for bad in (s for s in ours[name] if s.problem):
             words += f"; not used: {bad.problem}"
-        row = [
-            f"({experiment.letter})",
-            experiment.title,
-            f"{paper_mean} ± {paper_std}",
-            value,
-            str(len(good)),
-            words,
-        ]
+        row = [f"({experiment.letter})", experiment.title, f"{paper_mean} ± {paper_std}"]
+        row += [value, str(len(good)), words]
+        record = {
+            "experiment": name,
+            "paper_mean": paper_mean,
+            "paper_std_over_runs": paper_std,
+            "our_mean": np.mean(means) if good else "",
+            "our_std_over_runs": np.std(means) if len(good) > 1 else "",
+            "our_runs": len(good),
+            "our_means": " ".join(f"{m:.4f}" for m in means),
+            "our_stds_over_rollouts": " ".join(f"{s.std:.4f}" for s in good),
+            "checkpoints": " ".join(s.sha256 for s in good),
+        }
         if zoo:
-            theirs = authors[name]
-            row.append(
-                theirs.problem
-                or f"{theirs.mean:.0f} ± {theirs.std:.1f} ({printed['table4'][name][0]})"
-            )
+            theirs = {run: s for run, s in authors[name].items() if not s.problem}
+            if theirs:
+                same = np.mean([printed["table4"][name][run - 1] for run in theirs])
+                row += [summary(list(theirs.values())), f"{_ranges(theirs)} ({same:.0f})"]
+            else:
+                row += [authors[name][1].problem, ""]
+            record["author_means"] = " ".join(f"{s.mean:.4f}" for s in theirs.values())
+            record["author_runs"] = " ".join(map(str, theirs))
         rows.append(row)
-        records.append(
-            {
-                "experiment": name,
-                "paper_mean": paper_mean,
-                "paper_std_over_runs": paper_std,
-                "our_mean": np.mean(means) if good else "",
-                "our_std_over_runs": np.std(means) if len(good) > 1 else "",
-                "our_runs": len(good),
-                "our_means": " ".join(f"{m:.4f}" for m in means),
-                "our_stds_over_rollouts": " ".join(f"{s.std:.4f}" for s in good),
-                "checkpoints": " ".join(s.sha256 for s in good),
-            }
-        )
-        if zoo:
-            records[-1]["author_mean"] = "" if theirs.problem else theirs.mean
-            records[-1]["author_std_over_rollouts"] = "" if theirs.problem else theirs.std
-        origins += [
-            f"- `{scores.shown(s.path)}` (sha256 {s.sha256[:16]}): {s.mean:.1f} ± {s.std:.1f}, "
-            f"{s.agent.metadata.get('environment_steps', 0):,} training steps"
-            for s in good
-        ]
+        records.append(record)
 
-    used = versions()
     notes = [
         "Mean ± standard deviation over runs of the average score of 100 rollouts. "
         "*: one run; the standard deviation is over its rollouts.",
-        f"Scored on the reference environments, {scores.EPISODES} episodes, evaluation seed "
-        f"{scores.SEED}; designrl {used['designrl']} (sources {used['sources']}), "
-        f"Gymnasium {used['gymnasium']}, box2d-py {used['box2d-py']}, "
-        f"PyBullet {used['pybullet']}.",
+        scoring_note(),
+        *origin_notes(s for name in EXPERIMENTS for s in (*ours[name], *authors[name].values())),
     ]
-    if origins:
-        notes.append("Our runs:\n\n" + "\n".join(origins))
     title = "Table 3: average scores of independent runs, paper and ours"
-    print(write_table("table3", title, header, rows, notes, records))
+    return write_table("table3", title, header, rows, notes, records)
+
+
+def _ranges(runs) -> str:
+    numbers = sorted(runs)
+    if len(numbers) > 2 and numbers == list(range(numbers[0], numbers[-1] + 1)):
+        return f"{numbers[0]} to {numbers[-1]}"
+    return ", ".join(map(str, numbers))
 
 
 if __name__ == "__main__":
-    main()
+    build.command("table3")
