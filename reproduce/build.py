@@ -20,7 +20,7 @@ from types import ModuleType
 
 from tqdm import tqdm
 
-from designrl.checkpoint import file_hash, versions, write_atomically
+from designrl.checkpoint import file_hash, write_atomically
 from reproduce import scores
 from reproduce.scores import ROOT
 
@@ -63,8 +63,8 @@ def inputs(module: ModuleType) -> dict[str, str]:
 
 def used_versions() -> dict[str, str]:
     """Versions of what an item's content can change with."""
-    used = {name: versions()[name] for name in ("designrl", *scores.LIBRARIES)}
-    return {**used, **{n: importlib.metadata.version(n) for n in ("matplotlib", "pillow")}}
+    drawing = {name: importlib.metadata.version(name) for name in ("matplotlib", "pillow")}
+    return scores.used_versions() | drawing
 
 
 def manifest(name: str) -> Path:

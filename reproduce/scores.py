@@ -1,7 +1,7 @@
 """Scores of our checkpoints and of the author's, each computed once and kept.
 
 A score is kept in .cache/scores under a name made of all that it depends on: the file's hash, the
-experiment, seed, episodes, the hash of the scoring sources and the libraries' versions.
+experiment, seed, episodes, the hash of the reference's sources and the libraries' versions.
 """
 
 import contextlib
@@ -11,11 +11,13 @@ import os
 import sys
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+import designrl
 from designrl.checkpoint import file_hash, load, versions, write_atomically
 from designrl.errors import InputError
 from designrl.evaluation import evaluate
@@ -26,8 +28,10 @@ ROOT = Path(__file__).resolve().parents[1]
 CACHE = ROOT / ".cache" / "scores"
 EPISODES = 100  # as the paper's tables
 SEED = 0
-# What a score can change with; the other libraries only read and write files.
-LIBRARIES = ("sources", "box2d-py", "gymnasium", "numpy", "pybullet")
+# What a score can change with; the other libraries only read and write files, and the compiled
+# engine, which must give the same returns, is not asked.
+LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet")
+SOURCES = ("design.py", "experiments.py", "policy.py", "envs", "simulation/reference.py")
 
 # The author's runs by their names in the 2018 repositories (astool and estool): run 1 of each
 # experiment lies in zoo/, runs 2 to 10 in zoo/more/ under these names with the run's number.
@@ -80,6 +84,18 @@ class Score:
     def std(self) -> float:
         """Standard deviation over the episodes."""
         return float(self.returns.std())
+
+
+@cache
+def used_versions() -> dict[str, str]:
+    """What a score depends on: our version, the hash of the reference's sources, the libraries."""
+    package = Path(designrl.__file__).parent
+    files = [f for name in SOURCES for f in [package / name, *(package / name).rglob("*.py")]]
+    digest = hashlib.sha256()
+    for file in sorted(file for file in files if file.is_file()):
+        digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
+    found = {name: versions()[name] for name in ("designrl", *LIBRARIES)}
+    return {**found, "sources": digest.hexdigest()[:16]}
 
 
 def paper() -> dict:
@@ -141,7 +157,7 @@ def score(path: Path, experiment: str, episodes: int = EPISODES, seed: int = SEE
     except InputError as error:
         return Score(path, problem=str(error).replace(str(path), shown(path)))
     sha256 = file_hash(path)
-    key = json.dumps([sha256, experiment, episodes, seed, [versions()[name] for name in LIBRARIES]])
+    key = json.dumps([sha256, experiment, episodes, seed, used_versions()])
     kept = CACHE / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
     if kept.exists():
         try:

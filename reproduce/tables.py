@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tabulate import tabulate
 
-from designrl.checkpoint import versions, write_atomically
+from designrl.checkpoint import write_atomically
 from reproduce import scores
 from reproduce.scores import Score
 
@@ -77,7 +77,7 @@ def mean_and_std(mean: float, std: float) -> str:
 
 def scoring_note() -> str:
     """How scores were made, with versions."""
-    used = versions()
+    used = scores.used_versions()
     return (
         f"Scored on the reference environments, {scores.EPISODES} episodes, evaluation seed "
         f"{scores.SEED}; designrl {used['designrl']} (sources {used['sources']}), "
