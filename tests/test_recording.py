@@ -27,9 +27,9 @@ from designrl.recording import (
     RecordingError,
     RunWriter,
     describe,
-    mcap_file,
     read,
     record_rollout,
+    scan,
     schema_pb2,
     thin,
 )
@@ -305,11 +305,11 @@ def test_a_chunk_that_lies_about_its_size_takes_no_memory(compression, monkeypat
     bomb = bytes(2**26)
     compress = zstandard.compress if compression == "zstd" else lz4.frame.compress
     chunk = Chunk(compression, compress(bomb), 0, 0, 0, 1000)
-    with pytest.raises(mcap_file._DamageError, match="does not match"):
-        mcap_file._decompress(chunk)
+    with pytest.raises(scan._DamageError, match="does not match"):
+        scan._decompress(chunk)
     chunk.uncompressed_size = 2**40
-    with pytest.raises(mcap_file._DamageError, match="absurd size"):
-        mcap_file._decompress(chunk)
+    with pytest.raises(scan._DamageError, match="absurd size"):
+        scan._decompress(chunk)
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))

@@ -12,7 +12,8 @@ What the messages hold, with units, is in `schema.proto` beside this file.
 
 from designrl.recording.mcap_file import RecordingError
 from designrl.recording.reader import Recording, describe, read
-from designrl.recording.writer import RolloutWriter, RunWriter, record_rollout, thin
+from designrl.recording.rollout import RolloutWriter, record_rollout
+from designrl.recording.run import RunWriter, thin
 
 __all__ = [
     "Recording",

@@ -12,8 +12,8 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 
 from designrl.recording import schema_pb2 as schema
-from designrl.recording.mcap_file import Message, RecordingError, messages, scan
-from designrl.recording.writer import END, ROLLOUT, RUN
+from designrl.recording.mcap_file import END, ROLLOUT, RUN, RecordingError
+from designrl.recording.scan import Message, messages, scan
 
 # Only messages that we know are decoded: definitions in a stranger's file are not followed.
 _CLASSES = {

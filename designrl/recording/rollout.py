@@ -1,0 +1,201 @@
+"""Recording one episode, in a way that any viewer of MCAP files draws."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+
+from designrl.recording import schema_pb2 as schema
+from designrl.recording.bodies import GROUND_REFRESH, make_body, relative
+from designrl.recording.mcap_file import END, ROLLOUT, McapFile
+
+
+def _cdr_string(text: str) -> bytes:
+    """A std_msgs/msg/String in CDR: little-endian header, length with the closing zero, text."""
+    data = text.encode() + b"\0"
+    return b"\x00\x01\x00\x00" + len(data).to_bytes(4, "little") + data
+
+
+class RolloutWriter:
+    """Records one episode, step by step; a context manager.
+
+    The file appears under its name when the episode is over and recorded; an episode is short.
+
+    Args:
+        path: the file.
+        env: one of this package's environments, already reset.
+        metadata: what to say of the rollout.
+
+    Raises (every method):
+        RecordingError: the file cannot be written.
+    """
+
+    def __init__(self, path: str | Path, env, metadata: dict):
+        self._body = make_body(env)
+        parts = list(self._body.parents)
+        self._parent_indices = [parts.index(p) for p in list(self._body.parents.values())[1:]]
+        self._metadata = dict(metadata)
+        self._step, self._total, self._shown_at = 0, 0.0, None
+        self._file = McapFile(path)
+        description = self._body.urdf(_caption(metadata))
+        string = ("std_msgs/msg/String", "ros2msg", b"string data\n", {})
+        channel = self._file.channel("/robot_description", lambda: string)
+        self._file.message(channel, 0, 0, _cdr_string(description))
+        terrain = self._body.terrain()
+        if terrain is not None:
+            profile, obstacles = terrain
+            message = schema.Terrain(x=profile[:, 0].tolist(), z=profile[:, 1].tolist())
+            for x0, x1, z0, z1 in obstacles.tolist():
+                message.obstacles.add(x_min=x0, x_max=x1, z_min=z0, z_max=z1)
+            self._file.write("/terrain", message, 0, 0)
+        self._write_poses()
+
+    def _now(self) -> int:
+        return round(self._step * self._body.dt * 1e9)
+
+    def _write_poses(self) -> None:
+        now = self._now()
+        positions, rotations = self._body.poses()
+        place = positions[0].copy()
+        parents = self._parent_indices
+        hanging = (positions[parents], rotations[parents]), (positions[1:], rotations[1:])
+        positions[1:], rotations[1:] = relative(*hanging)
+        message = FrameTransforms()
+        for (part, parent), p, q in zip(
+            self._body.parents.items(), positions.tolist(), rotations.tolist(), strict=True
+        ):
+            transform = message.transforms.add(parent_frame_id=parent, child_frame_id=part)
+            transform.timestamp.FromNanoseconds(now)
+            t, r = transform.translation, transform.rotation
+            t.x, t.y, t.z = p
+            r.x, r.y, r.z, r.w = q
+        self._file.write("/tf", message, now, self._step)
+        if self._shown_at is None or math.dist(place, self._shown_at) > GROUND_REFRESH:
+            self._shown_at = place
+            cloud = _point_cloud(*self._body.ground_near(place), now)
+            self._file.write("/ground", cloud, now, self._step)
+
+    def step(self, observation, action, reward: float, info: dict) -> None:
+        """Record a step, after the environment took it.
+
+        Args:
+            observation: (O,) what the agent saw before it.
+            action: (A,) what it did.
+            reward: what it got.
+            info: of the environment; "reward_terms" holds the parts of the reward.
+        """
+        body, step, write = self._body, self._step, self._file.write
+        before = self._now()
+        message = schema.Observation(step=step, values=np.float32(observation).tolist())
+        write("/observation", message, before, step, body.observation_names)
+        message = schema.Action(step=step, values=np.float32(action).tolist())
+        write("/action", message, before, step, body.joint_names)
+
+        self._step += 1
+        after = self._now()
+        self._total += float(reward)
+        terms = info["reward_terms"]
+        message = schema.Reward(step=step, reward=reward, total=self._total, terms=terms.values())
+        write("/reward", message, after, step, list(terms))
+        angles, speeds, torques = body.joints()
+        message = schema.Joints(step=step, angles=angles, speeds=speeds, torques=torques)
+        write("/joints", message, after, step, body.joint_names)
+        message = schema.Contacts(step=step, touching=body.contacts())
+        write("/contacts", message, after, step, body.contact_names)
+        rays = body.lidar()
+        if rays is not None:
+            (x, z), (end_x, end_z) = rays[0, 0].tolist(), rays[:, 1].T.tolist()
+            message = schema.Lidar(step=step, origin_x=x, origin_z=z, end_x=end_x, end_z=end_z)
+            write("/lidar", message, after, step)
+        self._write_poses()
+
+    @property
+    def score(self) -> float:
+        """Sum of the rewards so far."""
+        return self._total
+
+    def close(self) -> None:
+        """Put the file in place."""
+        values = {**self._metadata, "score": self._total, "steps": self._step}
+        self._file.metadata(ROLLOUT, values)
+        self._file.metadata(END, {"finished": "true"})
+        self._file.publish()
+        self._file.abandon()
+
+    def __enter__(self) -> "RolloutWriter":
+        return self
+
+    def __exit__(self, kind, error, traceback) -> None:
+        if kind is None:
+            self.close()
+        self._file.abandon()
+
+
+def _caption(metadata: dict) -> str:
+    """What stands above the URDF; viewers show it as text beside the picture."""
+    lines = [f"{key}: {metadata[key]}" for key in ("experiment", "seed") if key in metadata]
+    if "body" in metadata:
+        lines.append(f"body, in {metadata['unit']}:")
+        lines += [f"  {name}: {size:.4g}" for name, size in metadata["body"].items()]
+    return "\n".join(["designrl rollout", *lines])
+
+
+def _point_cloud(points: np.ndarray, colors: np.ndarray, now: int) -> PointCloud:
+    """Points (n, 3) in m with colors (n, 3) in 0..255, in the frame `world`."""
+    records = np.zeros(
+        len(points), dtype=[("position", "<f4", 3), ("color", "u1", 3), ("alpha", "u1")]
+    )
+    records["position"], records["color"], records["alpha"] = points, colors, 255
+    cloud = PointCloud(frame_id="world", point_stride=records.itemsize, data=records.tobytes())
+    cloud.timestamp.FromNanoseconds(now)
+    cloud.pose.orientation.w = 1.0
+    for i, name in enumerate("xyz"):
+        cloud.fields.add(name=name, offset=4 * i, type=PackedElementField.FLOAT32)
+    for i, name in enumerate(("red", "green", "blue", "alpha")):
+        cloud.fields.add(name=name, offset=12 + i, type=PackedElementField.UINT8)
+    return cloud
+
+
+def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = None) -> float:
+    """Roll an agent out once, in its own body, and record that.
+
+    Args:
+        agent: a `designrl.policy.Agent`.
+        path: the file to write.
+        seed: of the environment and of the policy's noise.
+        metadata: what else to say of it.
+
+    Returns: the score, the same as an evaluation gives for that seed.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    import gymnasium
+
+    import designrl  # noqa: F401 (registers the environments)
+
+    env = gymnasium.make(agent.experiment.env_id, design=agent.body, disable_env_checker=True)
+    dimensions = agent.experiment.body.dimensions(agent.body)
+    about = {
+        "experiment": agent.experiment.name,
+        "seed": seed,
+        "unit": agent.experiment.body.unit,
+        "body": dict(zip(agent.experiment.body.names, dimensions.tolist(), strict=True)),
+        "agent": agent.metadata,
+        **(metadata or {}),
+    }
+    agent.reset(seed)
+    observation, _ = env.reset(seed=seed)
+    with RolloutWriter(path, env, about) as writer:
+        done, t = False, 0
+        while not done:
+            action = agent.act(observation, t)
+            seen = observation
+            observation, reward, terminated, truncated, info = env.step(action)
+            writer.step(seen, action, reward, info)
+            done, t = terminated or truncated, t + 1
+    env.close()
+    return writer.score

@@ -1,0 +1,246 @@
+"""Recording a training run, and thinning such a recording."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from designrl.experiments import get_experiment
+from designrl.recording import schema_pb2 as schema
+from designrl.recording.mcap_file import (
+    END,
+    RESUMED,
+    RUN,
+    THINNED,
+    McapFile,
+    RecordingError,
+    uninterrupted,
+)
+from designrl.recording.scan import messages, scan
+
+HEAVY_TOPICS = ("/distribution", "/returns")  # all but a hundredth of a run's bytes
+
+
+class RunWriter:
+    """Records a training run in `generations.mcap`; a context manager.
+
+    The file is whole at every moment: a process that is killed loses what it recorded in the last
+    second or, where writing is slow, in the last hundred times as long as a write takes.
+
+    Args:
+        path: the file; replaced if it exists, unless `resume_generation` is given.
+        metadata: what to say of the run; "experiment" names it and the body's dimensions.
+        resume_generation: keep what an existing file holds of the generations before this one,
+            drop the rest, and go on.
+
+    Raises (every method):
+        RecordingError: the file cannot be written, or the one to go on with is no recording.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        metadata: dict[str, str],
+        resume_generation: int | None = None,
+    ):
+        name = metadata.get("experiment")
+        experiment = get_experiment(name) if name else None
+        self._design = experiment.design if experiment else None
+        self._log_time = 0
+        old = Path(path)
+        resumed = resume_generation is not None and old.exists()
+        self._file = McapFile(path)
+        try:
+            if resumed:
+                _copy(self._file, old, lambda topic, index: index < resume_generation)
+                self._log_time = self._file.last_log_time
+                self._file.metadata(RESUMED, {**metadata, "generation": resume_generation})
+            else:
+                self._file.metadata(RUN, metadata)
+            self._file.publish()
+        except BaseException:
+            self._file.abandon()
+            raise
+
+    def _write(self, topic: str, message, names=(), unit: str = "") -> None:
+        # A wall clock may be set back; readers want times that never decrease.
+        self._log_time = max(time.time_ns(), self._log_time)
+        self._file.write(topic, message, self._log_time, message.generation, names, unit)
+
+    @uninterrupted()
+    def generation(
+        self,
+        index: int,
+        mu: np.ndarray,
+        sigma: np.ndarray,
+        returns: np.ndarray,
+        steps: np.ndarray,
+        seeds: np.ndarray,
+        seconds: float,
+        total_steps: int,
+    ) -> None:
+        """Record a generation.
+
+        Args:
+            index: of the generation, from 0.
+            mu, sigma: (P,) the distribution that it was sampled from; stored as float32.
+            returns: (N, R) float64, return of each episode of each candidate.
+            steps: (N, R) their lengths.
+            seeds: (N, R) their seeds.
+            seconds: s of wall time that the run has taken so far.
+            total_steps: environment steps of the run so far.
+        """
+        mu, sigma = np.asarray(mu, dtype=np.float32), np.asarray(sigma, dtype=np.float32)
+        fitness = np.mean(returns, axis=1)
+        self._write(
+            "/summary",
+            schema.Summary(
+                generation=index,
+                mean=fitness.mean(),
+                sd=fitness.std(),
+                best=fitness.max(),
+                worst=fitness.min(),
+                sigma_mean=sigma.mean(dtype=np.float64),
+                sigma_min=sigma.min(),
+                sigma_max=sigma.max(),
+                steps=int(np.sum(steps)),
+                total_steps=total_steps,
+                seconds=seconds,
+            ),
+        )
+        if self._design is not None:
+            size = self._design.size
+            m, s = mu[-size:].astype(np.float64), sigma[-size:].astype(np.float64)
+            mean, one, other = (
+                self._design.dimensions(self._design.scales(p)) for p in (m, m - s, m + s)
+            )
+            self._write(
+                "/design",
+                schema.Design(
+                    generation=index,
+                    mu=mu[-size:].tolist(),
+                    sigma=sigma[-size:].tolist(),
+                    dimensions=mean.tolist(),
+                    lower=one.tolist(),
+                    upper=other.tolist(),
+                ),
+                self._design.names,
+                self._design.unit,
+            )
+        self._write(
+            "/distribution",
+            schema.Distribution(generation=index, mu=mu.tolist(), sigma=sigma.tolist()),
+        )
+        self._write(
+            "/returns",
+            schema.Returns(
+                generation=index,
+                rollouts=np.shape(returns)[1],
+                returns=np.ravel(returns).tolist(),
+                steps=np.ravel(steps).tolist(),
+                seeds=np.ravel(seeds).tolist(),
+            ),
+        )
+        self._file.seal_if_due()
+
+    @uninterrupted()
+    def evaluation(
+        self, index: int, scores: np.ndarray, steps: np.ndarray, seeds: np.ndarray, kept: bool
+    ) -> None:
+        """Record an evaluation of the best candidate of generation `index`.
+
+        Args:
+            scores, steps, seeds: (E,) return, length and seed of each episode.
+            kept: it is the best so far.
+        """
+        self._write(
+            "/evaluation",
+            schema.Evaluation(
+                generation=index,
+                kept=bool(kept),
+                mean=np.mean(scores),
+                sd=np.std(scores),
+                scores=np.ravel(scores).tolist(),
+                steps=np.ravel(steps).tolist(),
+                seeds=np.ravel(seeds).tolist(),
+            ),
+        )
+        self._file.seal_if_due()
+
+    @uninterrupted()
+    def flush(self) -> None:
+        """Put everything so far into the file."""
+        self._file.seal()
+
+    @uninterrupted()
+    def close(self, finished: bool = True) -> None:
+        """Put everything into the file and end it; a second call does nothing."""
+        if self._file.is_open:
+            self._file.metadata(END, {"finished": str(finished).lower()})
+            self._file.close()
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(self, kind, error, traceback) -> None:
+        if kind is not None and issubclass(kind, RecordingError):
+            self._file.abandon()  # it has said what is wrong, and the file is as good as it gets
+        else:
+            self.close(finished=kind is None)
+
+
+def _copy(target: McapFile, source: Path, keep) -> None:
+    """Copy metadata and the messages for which keep(topic, generation) holds."""
+    found = scan(source)
+    for name, values in found.metadata:
+        if name != END:
+            target.metadata(name, values)
+    ids = {}
+    for channel in found.channels.values():
+        old = found.schema(channel)
+        ids[channel.id] = target.channel(
+            channel.topic,
+            lambda old=old, about=channel.metadata: (old.name, old.encoding, old.data, about),
+        )
+    for message in messages(found, set(ids)):
+        if keep(found.channels[message.channel_id].topic, message.sequence):
+            target.message(
+                ids[message.channel_id], message.log_time, message.sequence, message.data
+            )
+            target.seal_if_due()
+
+
+def thin(source: str | Path, target: str | Path, every: int) -> None:
+    """Copy a run's recording with the distributions and returns of only some generations.
+
+    Kept are those of every `every`-th generation and of the last; summaries, designs and
+    evaluations of all generations. Nothing is rounded. The metadata record "thinned" says what was
+    done.
+
+    Raises:
+        RecordingError: a file cannot be read or written, or is not of a run.
+    """
+    found = scan(source)
+    topics = {channel.topic: channel.id for channel in found.channels.values()}
+    if "/summary" not in topics:
+        raise RecordingError(f"{source} is not the recording of a run; name a generations.mcap")
+    chosen = {m.sequence for m in messages(found, {topics["/summary"]})}
+    kept = {g for g in chosen if g % every == 0} | {min(chosen), max(chosen)}
+    file = McapFile(target)
+    try:
+        _copy(file, Path(source), lambda topic, g: topic not in HEAVY_TOPICS or g in kept)
+        values = {
+            "every": every,
+            "topics": HEAVY_TOPICS,
+            "kept_generations": len(kept),
+            "of_generations": len(chosen),
+            "note": "these topics have the first, the last and every Nth generation; the other "
+            "topics are complete, and nothing is rounded",
+        }
+        file.metadata(THINNED, values)
+        for name, end in found.metadata:
+            if name == END:
+                file.metadata(END, end)
+        file.publish()
+    finally:
+        file.abandon()

@@ -1,0 +1,201 @@
+"""Reading MCAP files of any origin, in any state: front to back, each size checked before memory is
+taken for it, up to where the file stops making sense.
+"""
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from designrl.recording.mcap_file import RecordingError
+
+MAX_RECORD_BYTES = 2**28  # of one record, and of one chunk when decompressed; ours are < 2 MB
+
+
+@dataclass
+class Scan:
+    """What a file holds.
+
+    Attributes:
+        metadata: name and values of each metadata record.
+        channels, schemas: by id.
+        counts: messages per channel id.
+        blocks: offset and length of each chunk, and of each message outside of a chunk.
+        times: smallest and largest log time in ns; None without messages.
+        problem: why reading ended early; None for a complete file.
+    """
+
+    path: Path
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
+    blocks: list[tuple[int, int]] = field(default_factory=list)
+    times: tuple[int, int] | None = None
+    problem: str | None = None
+
+    def schema(self, channel: Channel) -> Schema:
+        """What the channel's messages are; nameless where the file does not say."""
+        return self.schemas.get(channel.schema_id) or Schema(0, b"", "", "")
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message as it is in the file; times in ns."""
+
+    channel_id: int
+    sequence: int
+    log_time: int
+    data: bytes
+
+
+class _DamageError(Exception):
+    """The file makes no sense from here on; the message says why."""
+
+
+# What parsing a damaged record can raise.
+_PARSE_ERRORS = (_DamageError, struct.error, McapError, UnicodeDecodeError, RuntimeError)
+
+
+def _parse(kind, body: bytes):
+    return kind.read(ReadDataStream(BytesIO(body)))
+
+
+def _decompress(chunk: Chunk) -> bytes:
+    """A chunk's records; never takes more memory than the chunk declares, nor than is allowed."""
+    size = chunk.uncompressed_size
+    if size > MAX_RECORD_BYTES:
+        raise _DamageError("a chunk declares an absurd size")
+    try:
+        if chunk.compression == "zstd":
+            data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
+        elif chunk.compression == "lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+        elif chunk.compression == "":
+            data = chunk.data
+        else:
+            raise _DamageError(f"a chunk has the unknown compression {chunk.compression!r}")
+    except (zstandard.ZstdError, RuntimeError):  # the latter is what lz4 raises
+        raise _DamageError("a chunk cannot be decompressed") from None
+    if len(data) != size or (chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc):
+        raise _DamageError("a chunk does not match its checksum")
+    return data
+
+
+def _inside(opcode: int, body: bytes) -> Iterator[tuple[int, bytes]]:
+    """Opcode and body of a record, or of all records in it where it is a chunk."""
+    if opcode != Opcode.CHUNK:
+        yield opcode, body
+        return
+    data = _decompress(_parse(Chunk, body))
+    position = 0
+    while position < len(data):
+        opcode, length = struct.unpack_from("<BQ", data, position)
+        position += 9
+        if length > len(data) - position:
+            raise _DamageError("a record ends outside of its chunk")
+        yield opcode, data[position : position + length]
+        position += length
+
+
+def _message(body: bytes) -> Message:
+    channel_id, sequence, log_time, _ = struct.unpack_from("<HIQQ", body)
+    return Message(channel_id, sequence, log_time, body[22:])
+
+
+def scan(path: str | Path) -> Scan:
+    """Read a file from front to back and say what is in it.
+
+    A file that was cut off or damaged is read up to there; `problem` says why it ended.
+
+    Raises:
+        RecordingError: it cannot be opened or is not an MCAP file at all.
+    """
+    found = Scan(Path(path))
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise RecordingError(f"{path} is not an MCAP file; name a recording")
+            found.problem = _scan_records(file, size, found)
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read ({error.strerror}); check the name") from None
+    return found
+
+
+_READ = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
+
+
+def _scan_records(file, size: int, found: Scan) -> str | None:
+    """Fill in `found`; returns why the file ended early, or None."""
+    while True:
+        offset = file.tell()
+        head = file.read(9)
+        if len(head) < 9:
+            return "the file ends before its index"
+        opcode, length = struct.unpack("<BQ", head)
+        if length > size - offset - 9:
+            return "the file ends in the middle of a record"
+        if opcode == Opcode.FOOTER:
+            file.seek(length, os.SEEK_CUR)
+            whole = file.read(len(MCAP0_MAGIC) + 1) == MCAP0_MAGIC
+            return None if whole else "the file does not end where it should"
+        if opcode not in _READ:
+            file.seek(length, os.SEEK_CUR)
+            continue
+        if length > MAX_RECORD_BYTES:
+            return "a record declares an absurd size"
+        try:
+            _scan_block(opcode, file.read(length), (offset, length + 9), found)
+        except _PARSE_ERRORS as error:
+            return str(error) if isinstance(error, _DamageError) else "a record is damaged"
+
+
+def _scan_block(opcode: int, body: bytes, place: tuple[int, int], found: Scan) -> None:
+    # All of a block or none of it: what is counted here is what `messages` will yield.
+    counts, times = dict(found.counts), list(found.times or ())
+    for inner, data in _inside(opcode, body):
+        if inner == Opcode.MESSAGE:
+            message = _message(data)
+            counts[message.channel_id] = counts.get(message.channel_id, 0) + 1
+            times.append(message.log_time)
+        elif inner == Opcode.SCHEMA:
+            schema = _parse(Schema, data)
+            found.schemas[schema.id] = schema
+        elif inner == Opcode.CHANNEL:
+            channel = _parse(Channel, data)
+            found.channels[channel.id] = channel
+        elif inner == Opcode.METADATA:
+            record = _parse(Metadata, data)
+            found.metadata.append((record.name, record.metadata))
+    if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
+        found.blocks.append(place)
+    found.counts = counts
+    found.times = (min(times), max(times)) if times else None
+
+
+def messages(found: Scan, channel_ids: set[int]) -> Iterator[Message]:
+    """The messages of some channels of a scanned file, in the file's order, block by block."""
+    try:
+        with open(found.path, "rb") as file:
+            for offset, length in found.blocks:
+                file.seek(offset)
+                record = file.read(length)
+                for opcode, body in _inside(record[0], record[9:]):
+                    if opcode == Opcode.MESSAGE:
+                        message = _message(body)
+                        if message.channel_id in channel_ids:
+                            yield message
+    except (OSError, IndexError, *_PARSE_ERRORS):
+        raise RecordingError(f"{found.path} changed while it was read; open it again") from None
