@@ -449,7 +449,7 @@ def test_thinning_drops_generations_and_rounds_nothing(run, tmp_path):
 
 
 def test_only_runs_are_thinned(rollout, tmp_path):
-    with pytest.raises(RecordingError, match="not the recording of a run"):
+    with pytest.raises(RecordingError, match="holds no generations"):
         thin(rollout, tmp_path / "thin.mcap", every=2)
     assert list(tmp_path.iterdir()) == []
 

@@ -163,8 +163,8 @@ class McapFile:
         if passed >= max(SEAL_SECONDS, self._seal_seconds / SEAL_SHARE):
             self.seal()
 
-    def seal(self) -> None:
-        """Write everything so far, with a valid end."""
+    def seal(self, durable: bool = False) -> None:
+        """Write everything so far, with a valid end; `durable`: so that a power cut spares it."""
         if self._file is None:
             raise RecordingError(f"{self.path} is closed; nothing more can be recorded in it")
         begin = time.monotonic()
@@ -177,6 +177,8 @@ class McapFile:
             written = os.pwrite(self._file.fileno(), data, start)
             while written < len(data):
                 written += os.pwrite(self._file.fileno(), data[written:], start + written)
+            if durable:
+                os.fsync(self._file.fileno())
         except OSError as error:
             with contextlib.suppress(OSError):  # its space is still ours
                 os.pwrite(self._file.fileno(), self._end, start)

@@ -218,13 +218,15 @@ def thin(source: str | Path, target: str | Path, every: int) -> None:
     done.
 
     Raises:
-        RecordingError: a file cannot be read or written, or is not of a run.
+        RecordingError: a file cannot be read or written, or is not of a run; `every` is under 1.
     """
+    if every < 1:
+        raise RecordingError(f"every is {every}; keep every 1st generation or fewer")
     found = scan(source)
     topics = {channel.topic: channel.id for channel in found.channels.values()}
-    if "/summary" not in topics:
-        raise RecordingError(f"{source} is not the recording of a run; name a generations.mcap")
-    chosen = {m.sequence for m in messages(found, {topics["/summary"]})}
+    chosen = {m.sequence for m in messages(found, {topics.get("/summary")})}
+    if not chosen:
+        raise RecordingError(f"{source} holds no generations; name a run's generations.mcap")
     kept = {g for g in chosen if g % every == 0} | {min(chosen), max(chosen)}
     file = McapFile(target)
     try:
