@@ -13,7 +13,7 @@ import os
 import platform
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from designrl.policy import Agent
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
 from designrl.settings import TrainSettings
-from designrl.simulation import EpisodeRules, Simulator
+from designrl.simulation import CandidateError, EpisodeRules, Simulator
 
 STATE_FORMAT = "designrl training state 1"
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
@@ -59,6 +59,7 @@ class TrainingRun:
         workers: processes or threads; they do not change the result.
         backend: "engine" or "reference".
         resume: go on with the run that the folder holds.
+        ray: "local" or the address of a Ray cluster, to simulate there instead.
 
     Raises:
         InputError: the folder holds a run and `resume` is not set; or holds another run, or one
@@ -72,12 +73,15 @@ class TrainingRun:
         workers: int = 1,
         backend: str = "engine",
         resume: bool = False,
+        ray: str | None = None,
     ):
         self.settings = settings
         self.experiment: Experiment = get_experiment(settings.experiment)
         self.out = Path(out)
         self.workers = workers
         self.backend = backend
+        self.ray = ray
+        self._resume = resume
         self.optimiser = Reinforce(
             self.experiment.num_parameters,
             settings.population,
@@ -86,7 +90,10 @@ class TrainingRun:
         )
         self.progress = _Progress()
         self._state_path = self.out / "state.safetensors"
-        if resume and self._state_path.exists():
+        self._open()
+
+    def _open(self) -> None:
+        if self._resume and self._state_path.exists():
             self._load_state()
         elif self._state_path.exists() or (self.out / "best.safetensors").exists():
             raise InputError(
@@ -109,10 +116,17 @@ class TrainingRun:
         """
         # Sums over candidates must not depend on the machine's number of cores.
         torch.set_num_threads(1)
+        with self._locked_folder():
+            self._open()  # another run may have used the folder until now
+            self._remove_leftovers()
+            self._run()
+
+    def _run(self) -> None:
         generation = self.optimiser.generation
         with (
-            self._locked_folder(),
-            Simulator(self.experiment, self.backend, workers=self.workers) as simulator,
+            Simulator(
+                self.experiment, self.backend, workers=self.workers, ray=self.ray
+            ) as simulator,
             RunWriter(
                 self.out / "generations.mcap",
                 self._metadata(),
@@ -128,6 +142,7 @@ class TrainingRun:
             ) as bar,
         ):
             self._save_state()  # first of all, so that whatever is left by a kill can be resumed
+            self._resume = True
             saved_at = time.perf_counter()
             try:
                 while not self.finished:
@@ -140,6 +155,11 @@ class TrainingRun:
             except KeyboardInterrupt:
                 recorder.flush()
                 self._save_state()
+                raise
+            except InputError:
+                with suppress(InputError):  # if it cannot be written, the last save must do
+                    recorder.flush()
+                    self._save_state()
                 raise
 
     def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> None:
@@ -157,7 +177,7 @@ class TrainingRun:
             bar.set_postfix_str(f"{self._status} {done}/{seeds.size} episodes", refresh=False)
             bar.update(0)
 
-        result = simulator.rollout(candidates, seeds, self._rules(training=True), show)
+        result = self._rollout(simulator, candidates, seeds, training=True, progress=show)
         returns = result.returns.mean(axis=1)
         optimiser.tell(returns)
         steps = int(result.steps.sum())
@@ -197,7 +217,7 @@ class TrainingRun:
         )
         sequence = np.random.SeedSequence(settings.seed, spawn_key=_EVALUATION_KEY)
         seeds = sequence.generate_state(episodes).astype(np.int64)[None]
-        result = simulator.rollout(parameters[None], seeds, self._rules(training=False))
+        result = self._rollout(simulator, parameters[None], seeds, training=False)
         score = float(result.returns.mean())
         kept = progress.best_score is None or score > progress.best_score
         self._account(simulator, start, int(result.steps.sum()))
@@ -227,9 +247,27 @@ class TrainingRun:
             progress.best_score, progress.best_generation = score, generation
             checkpoint.save(agent, self.out / "best.safetensors")
 
-    def _rules(self, training: bool) -> EpisodeRules:
+    def _rollout(self, simulator: Simulator, candidates, seeds, training: bool, progress=None):
         # The published runs evaluate, and choose what they keep, with the small-leg factor.
-        return EpisodeRules(training, leg_area_reward=self.experiment.leg_area_reward)
+        rules = EpisodeRules(training, leg_area_reward=self.experiment.leg_area_reward)
+        try:
+            return simulator.rollout(candidates, seeds, rules, progress)
+        except CandidateError as error:
+            generation = self.optimiser.generation
+            name = f"failed-generation{generation:05d}-candidate{error.index}.safetensors"
+            path = self.out / name
+            about = {
+                "seed": self.settings.seed,
+                "generation": generation,
+                "failure": error.reason,
+                "episode_seeds": error.seeds.tolist(),
+                "versions": checkpoint.versions(),
+            }
+            checkpoint.save(Agent(self.experiment, candidates[error.index], metadata=about), path)
+            raise InputError(
+                f"candidate {error.index} of generation {generation} cannot be simulated "
+                f"({error.reason}); its parameters are in {path}, look there and add --resume"
+            ) from error
 
     def _episode_seeds(self, generation: int) -> np.ndarray:
         """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
@@ -245,7 +283,7 @@ class TrainingRun:
     def _account(self, simulator: Simulator, start: tuple[float, float], steps: int) -> None:
         seconds = time.perf_counter() - start[0]
         # The processor time of a pool's processes is not known before they end.
-        pooled = simulator.backend == "reference" and self.workers > 1
+        pooled = self.ray or (simulator.backend == "reference" and self.workers > 1)
         cpu_seconds = seconds * self.workers if pooled else time.process_time() - start[1]
         self.progress.total_steps += steps
         self.progress.seconds += seconds
@@ -261,7 +299,7 @@ class TrainingRun:
             "host": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
             "command": " ".join(["designrl", *sys.argv[1:]]),
-            "workers": str(self.workers),
+            "workers": f"Ray {self.ray}" if self.ray else str(self.workers),
         }
 
     def _take_snapshot(self) -> None:
@@ -300,6 +338,13 @@ class TrainingRun:
         except InputError as error:
             raise InputError(f"{self._state_path} cannot be used: {error}") from None
         self.progress = progress
+
+    def _remove_leftovers(self) -> None:
+        """Remove the half-written files of a run that was killed."""
+        for folder in (self.out, self.out / "rollouts"):
+            for pattern in (".new-*", ".*.mcap.*.new"):
+                for path in folder.glob(pattern):
+                    path.unlink(missing_ok=True)
 
     @contextmanager
     def _locked_folder(self):

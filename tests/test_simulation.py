@@ -1,3 +1,11 @@
+import multiprocessing
+import os
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,7 +15,14 @@ from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.simulation import EpisodeRules, Simulator
+from designrl.simulation import (
+    PIECES_PER_WORKER,
+    CandidateError,
+    EpisodeRules,
+    Simulator,
+    _pieces,
+)
+from designrl.workers import ProcessWorkers, TaskError
 
 
 def candidates(name, count, seed=0, scale=0.3):
@@ -83,24 +98,118 @@ def test_fewer_episodes_are_the_first_of_more():
     assert len(set(episode_seeds(0, 1000))) == 1000
 
 
-def test_a_worker_that_dies_is_replaced_and_its_work_done_again(tmp_path, capsys):
-    from designrl.workers import ProcessWorkers
-
-    workers = ProcessWorkers(2)
-    tasks = [(str(tmp_path / "died"), i) for i in range(6)]
-    assert dict(workers.run(die_once, tasks)) == {i: i * i for i in range(6)}
-    assert "done again" in capsys.readouterr().err
-    workers.close()
+TASKS = [(slice(i, i + 1),) for i in range(6)]
+CANDIDATES = np.arange(6.0)[:, None]
 
 
-def die_once(marker, i):
-    import os
-    from pathlib import Path
+def square_but(what, marker, candidates):
+    """The square of candidate 3 after something else has happened, once or every time."""
+    if candidates[0, 0] == 3 and not Path(marker).exists():
+        if marker.endswith("once"):
+            Path(marker).touch()
+        if what == "dies":
+            os._exit(1)
+        elif what == "hangs":
+            time.sleep(1000)
+        raise RuntimeError("something\nhappened")
+    return candidates[0, 0] ** 2
 
-    if i == 3 and not Path(marker).exists():
-        Path(marker).touch()
-        os._exit(1)
-    return i * i
+
+@pytest.mark.parametrize("what", ["dies", "hangs", "raises"])
+def test_a_worker_that_fails_is_replaced_and_its_work_done_again(
+    what, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("designrl.workers.START_SECONDS", 8.0)
+    function = partial(square_but, what, str(tmp_path / "once"))
+    with ProcessWorkers(2) as workers:
+        result = dict(workers.run(function, CANDIDATES, TASKS, seconds=0))
+    assert result == {i: i * i for i in range(6)}
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1
+    reason = {"dies": "ended with exit code 1", "hangs": "no answer for 8 s", "raises": "raised"}
+    assert reason[what] in errors and "its work done again" in errors
+    assert not multiprocessing.active_children()
+
+
+def test_a_task_that_kills_every_worker_is_named(tmp_path, capsys):
+    function = partial(square_but, "dies", str(tmp_path / "always"))
+    with ProcessWorkers(1) as workers, pytest.raises(TaskError, match="exit code 1") as caught:
+        dict(workers.run(function, CANDIDATES, TASKS))
+    assert caught.value.index == 3
+    assert capsys.readouterr().err.count("\n") == 2
+
+
+def test_workers_that_were_killed_while_idle_are_replaced(capsys):
+    with ProcessWorkers(2) as workers:
+        for _ in range(2):
+            assert dict(workers.run(np.sum, CANDIDATES, TASKS)) == dict(enumerate(range(6)))
+            for process in multiprocessing.active_children():
+                process.kill()
+    assert capsys.readouterr().err.count("died of signal 9") == 2
+
+
+def test_workers_end_when_their_parent_is_killed(tmp_path):
+    code = (
+        "import sys; sys.path.insert(0, 'tests'); from test_simulation import *\n"
+        "workers = ProcessWorkers(2); run = workers.run(np.sum, CANDIDATES, TASKS); next(run)\n"
+        "print(*[p.pid for p in multiprocessing.active_children()], flush=True); time.sleep(1000)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    children = [int(pid) for pid in parent.stdout.readline().split()]
+    assert len(children) == 2
+    parent.kill()
+    parent.communicate()
+    deadline = time.monotonic() + 20
+    while any(map(alive, children)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(alive, children))
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_candidate_that_cannot_be_simulated_is_named(workers, monkeypatch):
+    parameters = candidates("biped", 3)
+    parameters[1, 5] = np.nan  # the policy refuses it in the worker
+    with (
+        Simulator("biped", "reference", workers=workers) as simulator,
+        pytest.raises(InputError, match="parameter 5 is not a finite"),
+    ):
+        simulator.rollout(parameters, np.zeros((3, 1)))
+    pieces = [(slice(0, 2), slice(0, 1)), (slice(2, 3), slice(0, 1))]
+    monkeypatch.setattr("designrl.simulation._pieces", lambda *_: pieces)
+    monkeypatch.setattr("designrl.simulation.run_episodes", fail_for_candidate_one)
+    with (
+        Simulator("biped", "reference") as simulator,
+        pytest.raises(CandidateError, match="candidate 1 cannot be simulated: Runtime"),
+    ):
+        simulator.rollout(candidates("biped", 3), np.array([[7], [8], [9]]))
+
+
+def fail_for_candidate_one(*arguments):
+    seeds = arguments[-1]
+    if seeds[0] == 8:
+        raise RuntimeError("the simulator is broken")
+    return np.zeros(len(seeds)), np.ones(len(seeds), dtype=np.int64)
+
+
+@pytest.mark.parametrize(
+    ("n", "r", "workers", "least"),
+    [(192, 16, 2, 1), (192, 16, 96, 16), (192, 16, 10_000, 16), (1, 100, 8, 16), (3, 5, 1, 1)],
+)
+def test_pieces_cover_every_episode_once(n, r, workers, least):
+    count = np.zeros((n, r), dtype=int)
+    pieces = _pieces(n, r, workers, least)
+    for rows, columns in pieces:
+        count[rows, columns] += 1
+    assert (count == 1).all()
+    assert len(pieces) >= min(workers, n * r)
+    assert len(pieces) <= 3 * PIECES_PER_WORKER * workers
 
 
 def test_wrong_input_is_refused():

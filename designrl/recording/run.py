@@ -169,8 +169,8 @@ class RunWriter:
 
     @uninterrupted()
     def flush(self) -> None:
-        """Put everything so far into the file."""
-        self._file.seal()
+        """Put everything so far into the file, where a power cut spares it."""
+        self._file.seal(durable=True)
 
     @uninterrupted()
     def close(self, finished: bool = True) -> None:

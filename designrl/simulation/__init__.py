@@ -5,12 +5,15 @@
     result.returns, result.steps                    # (N, R) float64, (N, R) int64
 
 `backend="reference"` runs the Gymnasium environments, in this process or in a pool of processes;
-`backend="engine"` runs the compiled walker engine, which gives the same bits.
+`backend="engine"` runs the compiled walker engine, which gives the same bits. Either runs on a Ray
+cluster, too.
 """
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
@@ -18,12 +21,29 @@ from designrl.design import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network, get_experiment
 from designrl.simulation.reference import EpisodeRules, run_episodes
-from designrl.workers import ProcessWorkers, run_here
+from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
-__all__ = ["EVALUATION", "EpisodeRules", "RolloutResult", "Simulator"]
+__all__ = ["EVALUATION", "CandidateError", "EpisodeRules", "RolloutResult", "Simulator"]
 
 EVALUATION = EpisodeRules()
 BACKENDS = ("engine", "reference")
+EPISODE_SECONDS = 30.0  # at most, on a busy machine; an episode takes 0.4 s on an idle one
+PIECES_PER_WORKER = 8  # of a generation: enough to keep all workers busy to the end of it
+ENGINE_LANES = 16  # episodes that the engine runs side by side in one thread
+
+
+class CandidateError(InputError):
+    """A candidate whose episodes cannot be simulated.
+
+    Attributes:
+        index: its row.
+        seeds: of the episodes, one of which fails.
+        reason: what happened, as the end of a sentence.
+    """
+
+    def __init__(self, index: int, seeds: np.ndarray, reason: str):
+        super().__init__(f"candidate {index} cannot be simulated: {reason}")
+        self.index, self.seeds, self.reason = index, seeds, reason
 
 
 @dataclass(frozen=True)
@@ -49,6 +69,8 @@ class Simulator:
         network: where it differs from the experiment's (the published original ant).
         lidar: "v2", the paper's, or "v3"; walkers only.
         workers: processes (reference) or threads (engine), at least 1.
+        ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
+            has no meaning then.
 
     Use it as a context manager, or `close()` it, to end its worker processes.
     """
@@ -60,6 +82,7 @@ class Simulator:
         network: Network | None = None,
         lidar: str = "v2",
         workers: int = 1,
+        ray: str | None = None,
     ):
         if backend not in BACKENDS:
             raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
@@ -78,8 +101,11 @@ class Simulator:
             else:
                 print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
         self.backend = "engine" if self._engine else "reference"
-        self._pool = ProcessWorkers(workers) if workers > 1 and not self._engine else None
-        self._workers = workers
+        self._pool = None
+        if ray is not None:
+            self._pool = RayWorkers(ray)
+        elif workers > 1 and not self._engine:
+            self._pool = ProcessWorkers(workers)
 
     def rollout(
         self,
@@ -98,6 +124,8 @@ class Simulator:
 
         Raises:
             InputError: shapes that do not fit the experiment or each other.
+            CandidateError: a candidate crashes the simulation each time, or its return is no number
+                (an in-process simulation that crashes takes this process with it).
         """
         candidates = np.asarray(candidates, dtype=np.float64)
         seeds = np.asarray(seeds, dtype=np.int64)
@@ -113,50 +141,62 @@ class Simulator:
                 f"seeds must have shape ({len(candidates)}, R), one row per candidate, "
                 f"got {seeds.shape}"
             )
-        if self._engine:
-            return self._rollout_engine(candidates, seeds, rules, progress)
-        return self._rollout_reference(candidates, seeds, rules, progress)
+        if self._engine and not self._pool:
+            result = self._rollout_engine(candidates, seeds, rules, progress)
+        else:
+            result = self._rollout_pieces(candidates, seeds, rules, progress)
+        finite = np.isfinite(result.returns).all(axis=1)
+        if not finite.all():
+            index = int(np.argmin(finite))
+            raise CandidateError(index, seeds[index], "its return is not a finite number")
+        return result
 
     def _rollout_engine(self, candidates, seeds, rules, progress) -> RolloutResult:
-        split = self.network.num_parameters
-        design = self.experiment.design
-        size = self.experiment.body.size
-        scales = design.scales(candidates[:, split:]) if design else np.ones((len(seeds), size))
-        factors = leg_area_reward_factor(scales) if rules.leg_area_reward else np.ones(len(seeds))
-        returns, steps = self._engine.rollout(
-            candidates[:, :split],
-            scales,
-            factors,
-            seeds,
-            training=rules.training,
-            progress=progress,
-        )
-        return RolloutResult(returns, steps)
+        run = partial(_run_engine, self._engine, self.experiment.name, rules)
+        try:
+            return RolloutResult(*run(candidates, seeds, progress))
+        except InputError:
+            for index in range(len(seeds)):  # which one was it?
+                try:
+                    run(candidates[index : index + 1], seeds[index : index + 1])
+                except InputError as error:
+                    raise CandidateError(index, seeds[index], str(error)) from None
+            raise
 
-    def _rollout_reference(self, candidates, seeds, rules, progress) -> RolloutResult:
-        n, r = seeds.shape
-        # Pieces small enough to keep all workers busy to the end, large enough to be worth sending.
-        piece = max(1, min(r, n * r // (self._workers * 8)))
-        places = [(i, j) for i in range(n) for j in range(0, r, piece)]
-        tasks = [
-            (
-                self.experiment.name,
-                self.network,
-                rules,
-                self.lidar,
-                candidates[i],
-                seeds[i, j : j + piece],
+    def _rollout_pieces(self, candidates, seeds, rules, progress) -> RolloutResult:
+        if self._engine:
+            function = partial(_run_cached_engine, self.experiment.name, self.lidar, rules)
+            least = ENGINE_LANES
+        else:
+            function = partial(
+                _run_reference, self.experiment.name, self.network, rules, self.lidar
             )
-            for i, j in places
-        ]
-        returns, steps = np.empty((n, r)), np.empty((n, r), dtype=np.int64)
+            least = 1
         run = self._pool.run if self._pool else run_here
-        for index, (piece_returns, piece_steps) in run(run_episodes, tasks):
-            i, j = places[index]
-            returns[i, j : j + piece] = piece_returns
-            steps[i, j : j + piece] = piece_steps
-            if progress:
-                progress(len(piece_returns))
+        count = self._pool.count if self._pool else 1
+        returns, steps = np.empty(seeds.shape), np.empty(seeds.shape, dtype=np.int64)
+
+        places = _pieces(*seeds.shape, count, least)
+        while places:
+            tasks = [(rows, seeds[rows, columns]) for rows, columns in places]
+            longest = EPISODE_SECONDS * max(piece.size for _, piece in tasks)
+            done = set()
+            try:
+                for index, result in run(function, candidates, tasks, longest):
+                    returns[places[index]], steps[places[index]] = result
+                    done.add(index)
+                    if progress:
+                        progress(result[0].size)
+            except TaskError as error:
+                rows, columns = places[error.index]
+                if rows.stop - rows.start == 1:
+                    seeds = seeds[rows.start, columns]
+                    raise CandidateError(rows.start, seeds, error.reason) from error
+                done.add(error.index)  # one of several: each alone will tell which
+                alone = [(slice(i, i + 1), columns) for i in range(rows.start, rows.stop)]
+                places = alone + [place for i, place in enumerate(places) if i not in done]
+            else:
+                places = []
         return RolloutResult(returns, steps)
 
     def close(self) -> None:
@@ -169,3 +209,64 @@ class Simulator:
 
     def __exit__(self, *exc_info):
         self.close()
+
+
+def _pieces(n: int, r: int, workers: int, least: int) -> list[tuple[slice, slice]]:
+    """Cut (N, R) episodes into the tasks of so many workers: rows and columns of each.
+
+    Of at least `least` episodes each where that leaves no worker without work; of one candidate
+    each, or of some with all their episodes.
+    """
+    share = n * r / workers
+    size = max(share / PIECES_PER_WORKER, min(least, share))
+    rows = max(1, int(size // r))
+    columns = max(1, min(r, math.ceil(size)))
+    return [
+        (slice(i, min(i + rows, n)), slice(j, min(j + columns, r)))
+        for i in range(0, n, rows)
+        for j in range(0, r, columns)
+    ]
+
+
+def _run_reference(experiment_name, network, rules, lidar, candidates, seeds):
+    """(n, r) returns and steps of some candidates in the Gymnasium environments."""
+    results = [
+        run_episodes(experiment_name, network, rules, lidar, parameters, row)
+        for parameters, row in zip(candidates, seeds, strict=True)
+    ]
+    returns, steps = zip(*results, strict=True)
+    return np.array(returns), np.array(steps)
+
+
+def _run_engine(engine, experiment_name, rules, candidates, seeds, progress=None):
+    """(n, r) returns and steps of some candidates in the compiled engine."""
+    experiment = get_experiment(experiment_name)
+    split, design = experiment.network.num_parameters, experiment.design
+    size = experiment.body.size
+    scales = design.scales(candidates[:, split:]) if design else np.ones((len(seeds), size))
+    factors = leg_area_reward_factor(scales) if rules.leg_area_reward else np.ones(len(seeds))
+    return engine.rollout(
+        candidates[:, :split],
+        scales,
+        factors,
+        seeds,
+        training=rules.training,
+        progress=progress,
+    )
+
+
+@cache
+def _cached_engine(hardcore: bool, lidar: str):
+    """The engine of a worker, with one thread; None where it cannot run."""
+    from designrl.simulation.engine import WalkerEngine, engine_missing_reason
+
+    return None if engine_missing_reason() else WalkerEngine(hardcore, lidar, threads=1)
+
+
+def _run_cached_engine(experiment_name, lidar, rules, candidates, seeds):
+    experiment = get_experiment(experiment_name)
+    engine = _cached_engine(experiment.hardcore, lidar)
+    if engine is None:  # the reference gives the same bits
+        network = experiment.network
+        return _run_reference(experiment_name, network, rules, lidar, candidates, seeds)
+    return _run_engine(engine, experiment_name, rules, candidates, seeds)
