@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 ENGINE_SOURCES := $(wildcard setup.py designrl/simulation/csrc/*)
-REPRODUCE := $(addprefix reproduce-,table1 table2 table3 table4)
+REPRODUCE := $(patsubst reproduce/%.py,reproduce-%,$(wildcard reproduce/table?.py reproduce/figure?.py))
 
 export ZOO
 # box2d-py's build calls swig, which pip has put there.

@@ -236,3 +236,16 @@ def read_for(*names: str) -> list[Path]:
 def best_first(found: list[Score]) -> list[Score]:
     """The usable ones, by their mean score."""
     return sorted((s for s in found if not s.problem), key=lambda s: -s.mean)
+
+
+def representative(experiment: str, rank: int = 0) -> Score | None:
+    """The run that a figure shows: our best (rank 0) or next best one; None where there is none.
+
+    With ZOO: the author's run 1, or for rank 1 the run 9 of the paper's Figure 7.
+    """
+    if zoo := zoo_argument():
+        path = published_runs(zoo, experiment).get((1, 9)[rank])
+        found = [score(path, experiment)] if path else []
+        return next(iter(best_first(found)), None)
+    found = best_first([score(path, experiment) for path in pretrained(experiment)])
+    return found[rank] if len(found) > rank else None
