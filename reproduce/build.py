@@ -24,7 +24,10 @@ from designrl.checkpoint import file_hash, write_atomically
 from reproduce import scores
 from reproduce.scores import ROOT
 
-ITEMS = (*(f"table{i}" for i in range(1, 5)),)
+ITEMS = (
+    *("table1", "table2", "table3", "table4"),
+    *("figure1", "figure2", "figure3", "figure4", "figure5", "figure6", "figure7"),
+)
 
 
 def load(name: str) -> ModuleType:

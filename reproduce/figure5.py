@@ -1,0 +1,189 @@
+"""Figure 5: learning curves of hardcore, with the original and with a learned body.
+
+Above the population's mean return ± 2 standard deviations, as training sees it; below the score of
+each evaluated agent and of the best one so far, without training's changes of the reward. Over
+generations, environment steps and core-hours. Reads logs/EXPERIMENT/seed*/ (recordings, and the
+states for the processor time) and paper/paper.toml. Writes paper/figures/figure5.svg, .pdf and
+.png. Curves of the other experiments, on the same axes: paper/figures/curves.*.
+
+    make reproduce-figure5
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from designrl.checkpoint import read_tensors
+from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS
+from designrl.recording import read
+from designrl.train import STATE_FORMAT
+from reproduce import build, drawing, scores
+
+HARDCORE = {
+    "biped-hardcore": ("Original body", drawing.ORIGINAL),
+    "biped-hardcore-morphology": ("Learned body", drawing.LEARNED),
+}
+SOLVED = 300  # points
+PAPER_CORES = 96
+AXES = ("generation", "environment steps (millions)", "core-hours")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A run's learning curve.
+
+    Attributes:
+        at: (3, G) where each generation lies on each of AXES.
+        mean, sd: (G,) points, over the population, with training's changes of the reward.
+        tested: (E,) which generations were evaluated, as indices into the others.
+        scores: (E,) points, mean over each evaluation's episodes.
+        episodes: of an evaluation, the last one's.
+        problem: why it ends early, or empty.
+    """
+
+    at: np.ndarray
+    mean: np.ndarray
+    sd: np.ndarray
+    tested: np.ndarray
+    scores: np.ndarray
+    episodes: int
+    problem: str
+
+
+def recordings(experiment: str) -> list[Path]:
+    """The recordings of our runs of an experiment, by seed."""
+    return sorted((scores.ROOT / "logs" / experiment).glob("seed*/generations.mcap"))
+
+
+def core_hours_per_second(folder: Path) -> float:
+    """Core-hours of processor time for each second of wall time that a run took."""
+    _, state = read_tensors(folder / "state.safetensors", STATE_FORMAT)
+    progress = state["progress"]
+    return progress["cpu_seconds"] / progress["seconds"] / 3600
+
+
+def curve(path: Path) -> Curve:
+    """The learning curve in a recording.
+
+    Raises:
+        InputError: it cannot be read, or holds no generation.
+    """
+    recording = read(path)
+    summary = {
+        name: recording.array("/summary", name)
+        for name in ("generation", "mean", "sd", "total_steps", "seconds")
+    }
+    if len(summary["mean"]) == 0:
+        raise InputError(f"{path} holds no generation; train further")
+    hours = summary["seconds"] * core_hours_per_second(path.parent)
+    has_tests = recording.topics.get("/evaluation")
+    tested = recording.array("/evaluation", "generation") if has_tests else np.empty(0, np.uint32)
+    return Curve(
+        np.array([summary["generation"], summary["total_steps"] / 1e6, hours]),
+        summary["mean"],
+        summary["sd"],
+        np.searchsorted(summary["generation"], tested).clip(max=len(hours) - 1),
+        recording.array("/evaluation", "mean") if has_tests else np.empty(0),
+        len(recording.array("/evaluation", "scores")[-1]) if has_tests else 0,
+        recording.problem or "",
+    )
+
+
+def solved_at(c: Curve) -> int | None:
+    """Index of the first generation whose evaluation reached SOLVED; None where none did."""
+    reached = c.tested[c.scores >= SOLVED]
+    return int(reached[0]) if len(reached) else None
+
+
+def reads() -> list[Path]:
+    """The files that the figure depends on."""
+    found = [path for name in EXPERIMENTS for path in recordings(name)]
+    states = [path.with_name("state.safetensors") for path in found]
+    return [scores.ROOT / "paper" / "paper.toml", *found, *states]
+
+
+def draw(panels, experiment: str, label: str, colour: str) -> list[str]:
+    """Draw all runs of an experiment; returns what could not be drawn, in words."""
+    missing = [] if recordings(experiment) else [f"{label}: no recording yet"]
+    for number, path in enumerate(recordings(experiment)):
+        try:
+            c = curve(path)
+        except (InputError, KeyError, ZeroDivisionError) as error:
+            missing.append(f"{label}, {path.parent.name}: not drawn ({error})")
+            continue
+        name = None if number else f"{label} ({c.episodes} episodes an evaluation)"
+        best = np.maximum.accumulate(c.scores)
+        for column, at in enumerate(c.at):
+            above, below = panels[0, column], panels[1, column]
+            above.fill_between(
+                at, c.mean - 2 * c.sd, c.mean + 2 * c.sd, color=colour, alpha=0.2, linewidth=0
+            )
+            above.plot(at, c.mean, color=colour, linewidth=0.8, label=name)
+            below.plot(at[c.tested], c.scores, ".", color=colour, markersize=2, alpha=0.6)
+            below.step(at[c.tested], best, where="post", color=colour, label=name)
+    return missing
+
+
+def mark_paper(panels) -> None:
+    """When the paper's runs had solved the task: on the axes of generations and core-hours."""
+    for experiment, (label, colour) in HARDCORE.items():
+        solved = scores.paper()["text"][experiment]
+        marks = (solved["generations"], None, solved["hours"] * PAPER_CORES)
+        panels[1, 2].set_xscale("log")  # hours of ours beside thousands of the paper's
+        for axes, mark in zip(panels[1], marks, strict=True):
+            if mark:
+                name = f"the paper's: solved ({label.lower()})"
+                axes.axvline(mark, color=colour, linestyle=":", linewidth=1, label=name)
+
+
+def frame(panels) -> None:
+    """Labels and the line of a solved task."""
+    for row in panels:
+        for axes in row:
+            axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+            if not axes.lines[1:]:
+                axes.set_ylim(-150, 400)  # nothing to draw yet
+    for axes, label in zip(panels[1], AXES, strict=True):
+        axes.set_xlabel(label)
+        if axes.get_xscale() == "linear":
+            axes.set_xlim(left=0)
+    panels[0, 0].set_ylabel("population's return\n(points, mean ± 2 sd)")
+    panels[1, 0].set_ylabel("evaluated agent's score\n(points; line: best so far)")
+
+
+def figure_of(rows: dict[str, tuple[str, str]], paper_marks: bool) -> Figure:
+    """The six panels for some experiments: name -> label and colour."""
+    figure = Figure(figsize=(drawing.WIDTH, 3.9), layout="constrained")
+    panels = figure.subplots(2, 3, sharex="col", sharey="row")
+    notes = [note for name, about in rows.items() for note in draw(panels, name, *about)]
+    if paper_marks:
+        mark_paper(panels)
+    frame(panels)
+    handles, labels = panels[1, 0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    if notes:
+        figure.suptitle("; ".join(notes), fontsize=7, color="#B00000")
+    return figure
+
+
+def main() -> list[Path]:
+    """Draw the figures; returns their files."""
+    others = {}
+    colours = iter((drawing.ORIGINAL, drawing.LEARNED, drawing.THIRD))
+    for name, experiment in EXPERIMENTS.items():
+        if experiment.is_walker and not experiment.hardcore:
+            # Runs with smaller legs are evaluated, as in 2018, with their reward factor.
+            factor = ", with its reward factor" if experiment.leg_area_reward else ""
+            others[name] = (experiment.title + factor, next(colours))
+    return [
+        *drawing.save(figure_of(HARDCORE, paper_marks=True), "figure5"),
+        *drawing.save(figure_of(others, paper_marks=False), "curves"),
+    ]
+
+
+if __name__ == "__main__":
+    build.command("figure5")
