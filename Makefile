@@ -3,6 +3,7 @@
 #   make reproduce-table3            one of them: table1 .. table4, figure1 .. figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make test                        the test suite
+#   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make bench                       speeds as ratios to a named baseline
 PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
 CXX ?= g++
@@ -17,7 +18,7 @@ export ZOO
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce $(REPRODUCE) verify-engine clean
+.PHONY: setup test bench lint reproduce $(REPRODUCE) verify-engine verify-resume fuzz clean
 
 setup: $(READY)
 
@@ -55,6 +56,12 @@ $(REPRODUCE): reproduce-%: $(READY)
 
 verify-engine: $(READY)
 	@$(BIN)/python -m designrl.simulation.verify
+
+verify-resume: $(READY)
+	@$(BIN)/python tests/verify_resume.py
+
+fuzz: $(READY)
+	@$(BIN)/python tests/fuzz.py
 
 clean:
 	rm -rf $(VENV) build *.egg-info .cache

@@ -29,7 +29,8 @@ from designrl.experiments import (
 from designrl.policy import Agent
 
 FORMAT = "designrl checkpoint 1"
-MAX_FILE_BYTES = 64 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
+MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
+MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
 
 
@@ -97,6 +98,24 @@ def write_atomically(path: str | Path, data: bytes) -> None:
         ) from None
 
 
+def _read_limited(path: Path) -> bytes:
+    """A file's content, without taking memory for a large one, or waiting for a device."""
+    try:
+        found = path.stat()
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name a file in it")
+        if not path.is_file():
+            raise InputError(f"{path} is not a file; name one")
+        if found.st_size > MAX_FILE_BYTES:
+            raise InputError(
+                f"{path} has {found.st_size:,} bytes, too many for what it should be; name another"
+            )
+        with path.open("rb") as file:
+            return file.read(MAX_FILE_BYTES)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
+
+
 def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarray], dict]:
     """Tensors and metadata of one of our safetensors files.
 
@@ -104,19 +123,14 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
         InputError: missing, too large, damaged or not of that format.
     """
     path = Path(path)
-    try:
-        size = path.stat().st_size
-        if path.is_dir():
-            raise InputError(f"{path} is a folder; name a file in it")
-        if size > MAX_FILE_BYTES:
-            raise InputError(f"{path} has {size} bytes, too many for a {format_name}")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
+    data = _read_limited(path)
     damaged = f"{path} is not a whole {format_name} file; get it again"
+    header_bytes = int.from_bytes(data[:8], "little")
+    if header_bytes > MAX_HEADER_BYTES:
+        raise InputError(damaged)
     try:
         tensors = safetensors.numpy.load(data)
-        header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+        header = json.loads(data[8 : 8 + header_bytes])
         metadata = json.loads(header["__metadata__"]["designrl"])
     except (safetensors.SafetensorError, KeyError, TypeError, ValueError, RecursionError):
         raise InputError(damaged) from None
@@ -185,24 +199,19 @@ def load_published(path: str | Path, experiment: Experiment) -> Agent:
         InputError: missing, not such a list, or of another length than the experiment's networks.
     """
     path = Path(path)
+    data = _read_limited(path)
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise InputError(f"{path} is too large for a file of published weights")
-        parameters, score = json.loads(path.read_text(encoding="utf-8"))
+        parameters, score = json.loads(data.decode())
         parameters = np.array(parameters, dtype=np.float64)
         score = float(score)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
-    except (ValueError, TypeError, RecursionError, OverflowError) as error:
-        if isinstance(error, InputError):
-            raise
+    except (ValueError, TypeError, RecursionError, OverflowError):
         raise InputError(f"{path} is not a 2018 weights file ([parameters, score])") from None
     network = experiment.network
     if experiment.name == "ant" and parameters.shape == (PUBLISHED_ANT_NETWORK.num_parameters,):
         network = PUBLISHED_ANT_NETWORK
     metadata = {
         "source": f"published weights of 2018 ({path.name})",
-        "source_sha256": file_hash(path),
+        "source_sha256": hashlib.sha256(data).hexdigest(),
         "score": score,
         "versions": versions(),
     }

@@ -130,12 +130,14 @@ def _replay(args) -> None:
 def _info(args) -> None:
     if Path(args.file).suffix == ".mcap":
         from designrl.recording import describe
+    else:
+        from designrl.checkpoint import describe
+    print("\n".join(map(_printable, describe(args.file).split("\n"))))
 
-        print(describe(args.file))
-        return
-    from designrl.checkpoint import describe
 
-    print(describe(args.file))
+def _printable(text: str) -> str:
+    """Text from a stranger's file, without what would command the terminal."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -225,7 +227,7 @@ def main(argv: list[str] | None = None) -> None:
     try:
         args.function(args)
     except InputError as error:
-        print(f"designrl: {error}", file=sys.stderr)
+        print(f"designrl: {_printable(str(error))}", file=sys.stderr)
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

@@ -9,6 +9,7 @@ elsewhere, ends with the same bytes in `best.safetensors`.
 import dataclasses
 import fcntl
 import json
+import math
 import os
 import platform
 import sys
@@ -318,13 +319,14 @@ class TrainingRun:
 
     def _load_state(self) -> None:
         tensors, metadata = checkpoint.read_tensors(self._state_path, STATE_FORMAT)
+        damaged = InputError(f"{self._state_path} is damaged; start again in another folder")
         try:
             found = {**metadata["settings"], "generations": self.settings.generations}
             progress = _Progress(**metadata["progress"])
-        except (KeyError, TypeError):
-            raise InputError(
-                f"{self._state_path} is damaged; start again in another folder"
-            ) from None
+            if not all(v is None or math.isfinite(v) for v in vars(progress).values()):
+                raise damaged
+        except (KeyError, TypeError, ValueError, OverflowError):
+            raise damaged from None
         wanted = self.settings.as_dict()
         different = [name for name in wanted if wanted[name] != found.get(name)]
         if different:
@@ -337,12 +339,18 @@ class TrainingRun:
             self.optimiser.restore(tensors)
         except InputError as error:
             raise InputError(f"{self._state_path} cannot be used: {error}") from None
+        if (
+            self.optimiser.generation < 0
+            or tensors["sigma"].min() <= 0
+            or tensors["adam_v"].min() < 0
+        ):
+            raise damaged
         self.progress = progress
 
     def _remove_leftovers(self) -> None:
         """Remove the half-written files of a run that was killed."""
         for folder in (self.out, self.out / "rollouts"):
-            for pattern in (".new-*", ".*.mcap.*.new"):
+            for pattern in (".new-*", ".*.new"):
                 for path in folder.glob(pattern):
                     path.unlink(missing_ok=True)
 

@@ -197,6 +197,11 @@ class McapFile:
         try:
             os.fsync(self._file.fileno())
             os.replace(self._temporary, self.path)
+            folder = os.open(self.path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)  # its new name, too
+            finally:
+                os.close(folder)
         except OSError as error:
             self.abandon()
             raise self._failure(error) from None

@@ -152,9 +152,13 @@ class Recording:
         rows = []
         for message in self.messages(topic):
             row = np.array(getattr(message, field), dtype=_DTYPES[found.type])
-            rows.append(
-                row.reshape(-1, message.rollouts) if kind is schema.Returns and row.ndim else row
-            )
+            if kind is schema.Returns and row.ndim:
+                if not message.rollouts or row.size % message.rollouts:
+                    raise RecordingError(
+                        f"a message on {topic} in {self.path} is damaged; get the file again"
+                    )
+                row = row.reshape(-1, message.rollouts)
+            rows.append(row)
         if len({row.shape for row in rows}) > 1:
             ragged = np.empty(len(rows), dtype=object)
             ragged[:] = rows

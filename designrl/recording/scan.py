@@ -5,6 +5,7 @@ taken for it, up to where the file stops making sense.
 import os
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -20,7 +21,9 @@ from mcap.writer import MCAP0_MAGIC
 
 from designrl.recording.mcap_file import RecordingError
 
-MAX_RECORD_BYTES = 2**28  # of one record, and of one chunk when decompressed; ours are < 2 MB
+MAX_RECORD_BYTES = 2**25  # of one record, and of one chunk when decompressed; ours are < 2 MB
+# What all chunks of a file may decompress to: ours grow up to sixfold, a bomb ten thousandfold.
+MAX_GROWTH, FREE_BYTES = 30, 2**25
 
 
 @dataclass
@@ -40,7 +43,7 @@ class Scan:
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    counts: dict[int, int] = field(default_factory=dict)
+    counts: Counter = field(default_factory=Counter)
     blocks: list[tuple[int, int]] = field(default_factory=list)
     times: tuple[int, int] | None = None
     problem: str | None = None
@@ -103,14 +106,21 @@ def _inside(opcode: int, body: bytes) -> Iterator[tuple[int, bytes]]:
     while position < len(data):
         opcode, length = struct.unpack_from("<BQ", data, position)
         position += 9
+        if opcode not in _IN_CHUNKS:
+            raise _DamageError("a chunk holds a record that has no place there")
         if length > len(data) - position:
             raise _DamageError("a record ends outside of its chunk")
         yield opcode, data[position : position + length]
         position += length
 
 
+_IN_CHUNKS = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
+
+
 def _message(body: bytes) -> Message:
     channel_id, sequence, log_time, _ = struct.unpack_from("<HIQQ", body)
+    if log_time >= 2**63:
+        raise _DamageError("a message has an absurd time")
     return Message(channel_id, sequence, log_time, body[22:])
 
 
@@ -124,6 +134,8 @@ def scan(path: str | Path) -> Scan:
     """
     found = Scan(Path(path))
     try:
+        if found.path.is_fifo():
+            raise RecordingError(f"{path} is not a file; name a recording")
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -139,6 +151,7 @@ _READ = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MET
 
 def _scan_records(file, size: int, found: Scan) -> str | None:
     """Fill in `found`; returns why the file ended early, or None."""
+    room = FREE_BYTES + MAX_GROWTH * size  # for what chunks decompress to
     while True:
         offset = file.tell()
         head = file.read(9)
@@ -157,19 +170,25 @@ def _scan_records(file, size: int, found: Scan) -> str | None:
         if length > MAX_RECORD_BYTES:
             return "a record declares an absurd size"
         try:
-            _scan_block(opcode, file.read(length), (offset, length + 9), found)
+            body = file.read(length)
+            if opcode == Opcode.CHUNK:
+                room -= _parse(Chunk, body).uncompressed_size
+                if room < 0:
+                    return "its chunks declare an absurd size"
+            _scan_block(opcode, body, (offset, length + 9), found)
         except _PARSE_ERRORS as error:
             return str(error) if isinstance(error, _DamageError) else "a record is damaged"
 
 
 def _scan_block(opcode: int, body: bytes, place: tuple[int, int], found: Scan) -> None:
     # All of a block or none of it: what is counted here is what `messages` will yield.
-    counts, times = dict(found.counts), list(found.times or ())
+    counts, times = Counter(), found.times
     for inner, data in _inside(opcode, body):
         if inner == Opcode.MESSAGE:
             message = _message(data)
-            counts[message.channel_id] = counts.get(message.channel_id, 0) + 1
-            times.append(message.log_time)
+            counts[message.channel_id] += 1
+            first, last = times or (message.log_time, message.log_time)
+            times = min(first, message.log_time), max(last, message.log_time)
         elif inner == Opcode.SCHEMA:
             schema = _parse(Schema, data)
             found.schemas[schema.id] = schema
@@ -181,8 +200,8 @@ def _scan_block(opcode: int, body: bytes, place: tuple[int, int], found: Scan) -
             found.metadata.append((record.name, record.metadata))
     if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
         found.blocks.append(place)
-    found.counts = counts
-    found.times = (min(times), max(times)) if times else None
+    found.counts.update(counts)
+    found.times = times
 
 
 def messages(found: Scan, channel_ids: set[int]) -> Iterator[Message]:
