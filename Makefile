@@ -12,7 +12,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 ENGINE_SOURCES := $(wildcard setup.py designrl/simulation/csrc/*)
-REPRODUCE := $(patsubst reproduce/%.py,reproduce-%,$(wildcard reproduce/table?.py reproduce/figure?.py))
+REPRODUCE := $(addprefix reproduce-,table1 table2 table3 table4 statistics report \
+  figure1 figure2 figure3 figure4 figure5 figure6 figure7)
 
 export ZOO
 # box2d-py's build calls swig, which pip has put there.

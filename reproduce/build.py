@@ -25,8 +25,9 @@ from reproduce import scores
 from reproduce.scores import ROOT
 
 ITEMS = (
-    *("table1", "table2", "table3", "table4"),
+    *("table1", "table2", "table3", "table4", "statistics"),
     *("figure1", "figure2", "figure3", "figure4", "figure5", "figure6", "figure7"),
+    "report",  # last: it shows all the others
 )
 
 
