@@ -200,7 +200,7 @@ class WalkerEngine:
             steps=steps.ctypes.data,
             observations=None if seen is None else seen.ctypes.data,
         )
-        self._run(batch, progress)
+        self._run(batch, (weights, scales, factors, seeds, returns, steps, seen), progress)
         if (steps < 0).any():
             i, j = (int(k) for k in np.argwhere(steps < 0)[0])
             raise InputError(
@@ -211,18 +211,20 @@ class WalkerEngine:
             return returns, steps
         return returns, steps, [[seen[i, j, : steps[i, j] + 1] for j in range(r)] for i in range(n)]
 
-    def _run(self, batch: _Batch, progress: Callable[[int], None] | None) -> None:
+    def _run(self, batch: _Batch, arrays: tuple, progress: Callable[[int], None] | None) -> None:
         """The native call, in a thread of its own so that Ctrl-C and progress get through."""
-        status = []
         threads = max(1, min(self.threads, batch.candidates * batch.rollouts))
         run = _library().designrl_engine_run
-        thread = threading.Thread(
-            target=lambda: status.append(run(ctypes.byref(batch), self.isa.encode(), threads)),
-            daemon=True,
-        )
-        thread.start()
+        status = []
+
+        def call(arrays=arrays):
+            # Holds the arrays: a Ctrl-C at the wrong moment could end the caller before this.
+            status.append(run(ctypes.byref(batch), self.isa.encode(), threads))
+
+        thread = threading.Thread(target=call, daemon=True)
         reported = 0
         try:
+            thread.start()
             while thread.is_alive():
                 thread.join(_POLL_SECONDS)
                 finished = batch.finished
@@ -231,6 +233,7 @@ class WalkerEngine:
                     reported = finished
         finally:
             batch.stop = 1  # after an exception; otherwise all is done
-            thread.join()
-        if status[0]:
+            if thread.ident is not None:
+                thread.join()
+        if status != [0]:
             raise MemoryError("the walker engine got no memory for its episodes")

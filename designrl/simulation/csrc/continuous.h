@@ -313,9 +313,25 @@ inline void solve_island(Body& body, Contact** contacts, int count, float dt) {
     impulses[k] = {0.0f, 0.0f, 0.0f, 0.0f};
     two[k] = constraint.count == 2;
   }
-  for (int i = 0; i < kVelocityIterations; ++i)
+  // One body on a few contacts: mostly at rest long before the last iteration.
+  constexpr int kImpulses = sizeof(ContactImpulses<float>) / sizeof(float);
+  CycleWatch<3 + kImpulses * kMaxToiContacts> cycle(kVelocityIterations, 3 + kImpulses * count);
+  for (int i = 0; i < cycle.end(); ++i) {
     for (int k = 0; k < count; ++k)
       solve_contact_terms(terms[k], two[k], impulses[k], motion.v.x, motion.v.y, motion.w);
+    float state[3 + kImpulses * kMaxToiContacts];
+    state[0] = motion.v.x;
+    state[1] = motion.v.y;
+    state[2] = motion.w;
+    for (int k = 0; k < count; ++k) {
+      float* to = state + 3 + kImpulses * k;
+      to[0] = impulses[k].normal1;
+      to[1] = impulses[k].normal2;
+      to[2] = impulses[k].tangent1;
+      to[3] = impulses[k].tangent2;
+    }
+    cycle.watch(state, i + 1);
+  }
   integrate(motion, dt);
   body.sweep.c = motion.c;
   body.sweep.a = motion.a;

@@ -11,8 +11,8 @@
 
 #define DECLARE_ENGINE(name)                     \
   namespace name {                               \
-  size_t group_bytes();                          \
-  void run_episodes(Batch& batch, void* memory); \
+  size_t thread_bytes();                          \
+  void run_episodes(Batch&, void*, int64_t);     \
   }
 DECLARE_ENGINE(engine_sse2)
 DECLARE_ENGINE(engine_avx2)
@@ -22,18 +22,18 @@ namespace {
 
 struct Variant {
   const char* name;
-  size_t (*group_bytes)();
-  void (*run_episodes)(Batch&, void*);
+  size_t (*thread_bytes)();
+  void (*run_episodes)(Batch&, void*, int64_t);
   bool (*supported)();
 };
 
 const Variant kVariants[] = {  // the best first
-    {"avx512", engine_avx512::group_bytes, engine_avx512::run_episodes,
+    {"avx512", engine_avx512::thread_bytes, engine_avx512::run_episodes,
      [] { return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
                  __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"); }},
-    {"avx2", engine_avx2::group_bytes, engine_avx2::run_episodes,
+    {"avx2", engine_avx2::thread_bytes, engine_avx2::run_episodes,
      [] { return bool(__builtin_cpu_supports("avx2")); }},
-    {"sse2", engine_sse2::group_bytes, engine_sse2::run_episodes, [] { return true; }},
+    {"sse2", engine_sse2::thread_bytes, engine_sse2::run_episodes, [] { return true; }},
 };
 
 const Variant* find(const char* name) {
@@ -43,11 +43,12 @@ const Variant* find(const char* name) {
   return nullptr;
 }
 
-void work(const Variant& variant, Batch& batch) {
-  void* memory = std::aligned_alloc(64, (variant.group_bytes() + 63) / 64 * 64);
+void work(const Variant& variant, Batch& batch, int64_t share) {
+  const size_t bytes = (variant.thread_bytes() + 63) / 64 * 64;
+  void* memory = std::aligned_alloc(64, bytes);
   if (!memory) return;  // its episodes are left to the other threads
-  std::memset(memory, 0, variant.group_bytes());
-  variant.run_episodes(batch, memory);
+  std::memset(memory, 0, bytes);
+  variant.run_episodes(batch, memory, share);
   std::free(memory);
 }
 
@@ -72,15 +73,16 @@ int designrl_engine_run(Batch* batch, const char* isa, int threads) {
   if (!variant) return 1;
   const int64_t episodes = batch->candidates * batch->rollouts;
   batch->next_episode = batch->finished = 0;
+  const int64_t share = (episodes + threads - 1) / threads;
   std::vector<std::thread> others;
   for (int i = 1; i < threads; ++i) {
     try {
-      others.emplace_back(work, std::cref(*variant), std::ref(*batch));
+      others.emplace_back(work, std::cref(*variant), std::ref(*batch), share);
     } catch (const std::system_error&) {
       break;  // no more threads to be had: fewer do the same work
     }
   }
-  work(*variant, *batch);
+  work(*variant, *batch, share);
   for (std::thread& thread : others) thread.join();
   return batch->finished == episodes || batch->stop ? 0 : 2;
 }

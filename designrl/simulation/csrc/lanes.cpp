@@ -1,4 +1,4 @@
-// Episodes side by side: one walker in each vector lane, the next episode as soon as one has ended.
+// Episodes side by side: many walkers, of which each step's velocities are solved in vector lanes.
 // Compiled once for each instruction set.
 #include "batch.h"
 #include "policy.h"
@@ -7,11 +7,13 @@
 namespace ENGINE {
 namespace {
 
+// Walkers of a thread. Enough to fill vectors with walkers in like contact with the ground.
+constexpr int kEpisodes = 2 * kLanes;
 constexpr double kSolvedReturn = 300.0, kSolvedBonus = 100.0;  // points, training only
 
-class Lane {
+class Episode {
  public:
-  bool active = false;
+  bool active = false;  // an episode is under way
 
   // Takes the next episode; false if there is none left.
   bool start(Batch& batch) {
@@ -22,11 +24,10 @@ class Lane {
     walker_.reset(batch.seeds[episode_], batch.hardcore, batch.scales + 8 * candidate_);
     total_ = 0.0;
     steps_ = -1;  // reset takes a step of its own, with zero action
-    fell_ = false;
     return true;
   }
 
-  void begin_step(const Batch& batch, VelocitySolver& solver, int lane) {
+  void begin_step(const Batch& batch) {
     double action[kActions] = {};
     if (steps_ >= 0) {
       float out[kActions];
@@ -34,11 +35,11 @@ class Lane {
       for (int i = 0; i < kActions; ++i) action[i] = out[i];
     }
     walker_.command(action);
-    walker_.begin_step(solver, lane);
+    walker_.begin_step();
   }
 
-  void finish_step(Batch& batch, const VelocitySolver& solver, int lane) {
-    walker_.finish_step(solver, lane, batch.closest_hits, result_);
+  void finish_step(Batch& batch) {
+    walker_.finish_step(batch.closest_hits, result_);
     ++steps_;
     if (batch.observations) {
       float* to = batch.observations +
@@ -60,43 +61,57 @@ class Lane {
     __atomic_fetch_add(&batch.finished, 1, __ATOMIC_RELAXED);
   }
 
+  Walker& walker() { return walker_; }
+
  private:
   Walker walker_;
   StepResult result_;
   int64_t episode_, candidate_, steps_;
   double total_;
-  bool fell_;
 };
 
-struct Group {
+struct Thread {
   VelocitySolver solver;
-  Lane lanes[kLanes];
+  Episode episodes[kEpisodes];
 };
 
 }  // namespace
 
-size_t group_bytes() { return sizeof(Group); }
+size_t thread_bytes() { return sizeof(Thread); }
 
-// Runs episodes until none is left. memory: group_bytes() zero bytes, aligned to 64.
-void run_episodes(Batch& batch, void* memory) {
-  Group& group = *static_cast<Group*>(memory);
+// Runs episodes until none is left. memory: thread_bytes() zero bytes, aligned to 64. share: of the
+// batch's episodes, what one thread would get if they were dealt out evenly; it holds no more at
+// once.
+void run_episodes(Batch& batch, void* memory, int64_t share) {
+  Thread& thread = *static_cast<Thread*>(memory);
+  const int held = share < kEpisodes ? int(share) : kEpisodes;
   bool left = true;
   for (;;) {
-    bool busy = false;
-    for (int l = 0; l < kLanes; ++l) {
-      Lane& lane = group.lanes[l];
-      if (!lane.active && left) left = lane.start(batch);
-      if (!lane.active) {
-        for (int b = 0; b < kBodies; ++b) group.solver.contact_count[b][l] = 0;
-        continue;
-      }
-      lane.begin_step(batch, group.solver, l);
-      busy = true;
+    // Sorted by their contacts; the pattern is above the episode's index in a key.
+    uint64_t keys[kEpisodes];
+    int count = 0;
+    for (int e = 0; e < held; ++e) {
+      Episode& episode = thread.episodes[e];
+      if (!episode.active && left) left = episode.start(batch);
+      if (!episode.active) continue;
+      episode.begin_step(batch);
+      const uint64_t key = uint64_t(episode.walker().contact_pattern()) << 32 | unsigned(e);
+      int at = count++;
+      for (; at > 0 && keys[at - 1] > key; --at) keys[at] = keys[at - 1];
+      keys[at] = key;
     }
-    if (!busy || __atomic_load_n(&batch.stop, __ATOMIC_RELAXED)) return;
-    group.solver.solve(kVelocityIterations);
-    for (int l = 0; l < kLanes; ++l)
-      if (group.lanes[l].active) group.lanes[l].finish_step(batch, group.solver, l);
+    if (count == 0 || __atomic_load_n(&batch.stop, __ATOMIC_RELAXED)) return;
+    for (int first = 0; first < count; first += kLanes) {
+      const int lanes = count - first < kLanes ? count - first : kLanes;
+      for (int l = 0; l < lanes; ++l)
+        thread.episodes[uint32_t(keys[first + l])].walker().load(thread.solver, l);
+      thread.solver.solve(kVelocityIterations, lanes);
+      for (int l = 0; l < lanes; ++l) {
+        Episode& episode = thread.episodes[uint32_t(keys[first + l])];
+        episode.walker().store(thread.solver, l);
+        episode.finish_step(batch);
+      }
+    }
   }
 }
 

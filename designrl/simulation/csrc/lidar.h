@@ -1,6 +1,7 @@
 // The ten LIDAR rays (b2DynamicTree::RayCast, b2EdgeShape::RayCast, b2PolygonShape::RayCast).
 #pragma once
 
+#include "simd.h"
 #include "world.h"
 
 namespace ENGINE {
@@ -46,44 +47,125 @@ inline float cast(const Terrain& terrain, const Ray& ray) {
   return enters ? lower : miss;
 }
 
-// Distance of the terrain along a ray, as a fraction of the ray; 1 where there is none.
+// All rays of one walker, in vectors.
 //
-// closest: the nearest hit (v3). Otherwise (v2) the first hit in the order in which Box2D's tree
-// offers its leaves. The walker's own parts are in the tree but never end a ray.
-inline float cast_ray(const World& world, Vec2 p1, Vec2 p2, bool closest) {
-  const Tree& tree = world.tree;
-  Vec2 r = p2 - p1;
-  normalize(r);
-  const Vec2 v = cross(1.0f, r);
-  const Vec2 abs_v = {absolute(v.x), absolute(v.y)};
-  Ray ray = {p1, p2, 1.0f};
-  Vec2 t = p1 + ray.max_fraction * (p2 - p1);
-  Aabb box = {minimum(p1, t), maximum(p1, t)};
-  float result = 1.0f;
-  int stack[kMaxNodes], count = 0;
-  stack[count++] = tree.root;
-  while (count > 0) {
-    const Tree::Node& node = tree.nodes[stack[--count]];
-    if (!overlap(node.box, box)) continue;
-    // The segment's normal as a separating axis (Gino van den Bergen, p. 80).
-    Vec2 center = 0.5f * (node.box.lower + node.box.upper);
-    Vec2 extent = 0.5f * (node.box.upper - node.box.lower);
-    if (absolute(dot(v, p1 - center)) - dot(abs_v, extent) > 0.0f) continue;
-    if (!node.is_leaf()) {
-      stack[count++] = node.child1;
-      stack[count++] = node.child2;
-      continue;
+// Box2D casts one ray after the other. Here they go down the tree together: a node is opened if any
+// ray passes its tests, and each ray meets its own leaves in the order in which it would alone.
+class RayFan {
+ public:
+  // end_x, end_y: (kRays,) where the rays end.
+  RayFan(Vec2 origin, const float* end_x, const float* end_y) : origin_(origin) {
+    for (int i = 0; i < kPadded; ++i) {
+      end_x_.number[i] = end_x[i < kRays ? i : 0];
+      end_y_.number[i] = end_y[i < kRays ? i : 0];
+      fraction_[i] = max_fraction_[i] = 1.0f;
     }
-    if (node.item < kBodies) continue;
-    float fraction = cast(world.course.pieces[node.item - kBodies], ray);
-    if (fraction < 0.0f) continue;
-    result = fraction;
-    if (!closest || fraction == 0.0f) return result;
-    ray.max_fraction = fraction;
-    t = p1 + fraction * (p2 - p1);
-    box = {minimum(p1, t), maximum(p1, t)};
+    const Vector one = Vector{} + 1.0f;
+    for (int v = 0; v < kVectors; ++v) {
+      // Unit normal of each ray, a quarter turn to the left of its direction; rays are 5 m long.
+      const Vector dx = end_x_.vector[v] - origin.x, dy = end_y_.vector[v] - origin.y;
+      const Vector inverse = one / square_root(dx * dx + dy * dy);
+      const Vector x = -(dy * inverse), y = dx * inverse;
+      normal_x_[v] = x;
+      normal_y_[v] = y;
+      absolute_x_[v] = maximum(x, -x);
+      absolute_y_[v] = maximum(y, -y);
+      const Vector start_x = Vector{} + origin.x, start_y = Vector{} + origin.y;
+      const Vector tx = origin.x + dx, ty = origin.y + dy;
+      low_x_.vector[v] = minimum(start_x, tx);
+      low_y_.vector[v] = minimum(start_y, ty);
+      high_x_.vector[v] = maximum(start_x, tx);
+      high_y_.vector[v] = maximum(start_y, ty);
+    }
   }
-  return result;
-}
+
+  // Fractions of the rays at which they meet the terrain, (kRays,); 1 where there is none.
+  //
+  // closest: at the nearest hit (v3). Otherwise (v2) at the first one in the order in which the
+  // tree offers its leaves. The walker's own parts are in the tree but never end a ray.
+  const float* cast_all(const World& world, bool closest) {
+    const Tree& tree = world.tree;
+    struct Visit {
+      int node;
+      uint32_t rays;
+    };
+    Visit stack[kMaxNodes];
+    int count = 0;
+    uint32_t open = (1u << kRays) - 1;  // rays that have not ended
+    stack[count++] = {tree.root, open};
+    while (count > 0 && open) {
+      const Visit visit = stack[--count];
+      const Tree::Node& node = tree.nodes[visit.node];
+      uint32_t rays = visit.rays & open;
+      if (rays) rays &= passing(node.box);
+      if (!rays) continue;
+      if (!node.is_leaf()) {
+        stack[count++] = {node.child1, rays};
+        stack[count++] = {node.child2, rays};
+        continue;
+      }
+      if (node.item < kBodies) continue;
+      const Terrain& terrain = world.course.pieces[node.item - kBodies];
+      for (; rays; rays &= rays - 1) {
+        const int i = __builtin_ctz(rays);
+        const float fraction =
+            cast(terrain, {origin_, {end_x_.number[i], end_y_.number[i]}, max_fraction_[i]});
+        if (fraction < 0.0f) continue;
+        fraction_[i] = fraction;
+        if (!closest || fraction == 0.0f) {
+          open &= ~(1u << i);
+          continue;
+        }
+        shorten(i, fraction);
+      }
+    }
+    return fraction_;
+  }
+
+ private:
+  static constexpr int kVectors = (kRays + kWidth - 1) / kWidth, kPadded = kVectors * kWidth;
+  union Numbers {
+    Vector vector[kVectors];
+    float number[kPadded];
+  };
+  Vec2 origin_;
+  Numbers end_x_, end_y_;
+  Vector normal_x_[kVectors], normal_y_[kVectors], absolute_x_[kVectors], absolute_y_[kVectors];
+  Numbers low_x_, low_y_, high_x_, high_y_;  // box around what is left of a ray
+  float fraction_[kPadded], max_fraction_[kPadded];
+
+  void shorten(int i, float fraction) {
+    max_fraction_[i] = fraction;
+    const Vec2 end = {end_x_.number[i], end_y_.number[i]};
+    const Vec2 t = origin_ + fraction * (end - origin_);
+    const Vec2 lower = minimum(origin_, t), upper = maximum(origin_, t);
+    low_x_.number[i] = lower.x;
+    low_y_.number[i] = lower.y;
+    high_x_.number[i] = upper.x;
+    high_y_.number[i] = upper.y;
+  }
+
+  // The rays, as bits, that b2DynamicTree::RayCast would let into a node: those whose box overlaps
+  // the node's and whose line is no separating axis (Gino van den Bergen, p. 80).
+  uint32_t passing(const Aabb& box) const {
+    const Vec2 center = 0.5f * (box.lower + box.upper);
+    const Vec2 extent = 0.5f * (box.upper - box.lower);
+    const Vec2 d = origin_ - center;
+    const Vector zero = {};
+    uint32_t bits = 0;
+    for (int v = 0; v < kVectors; ++v) {
+      const Vector along = normal_x_[v] * d.x + normal_y_[v] * d.y;
+      const Vector distance = maximum(along, -along);
+      const Vector reach = absolute_x_[v] * extent.x + absolute_y_[v] * extent.y;
+      const Mask apart =
+          either(either(less(zero + box.upper.x, low_x_.vector[v]), less(zero + box.upper.y, low_y_.vector[v])),
+                 either(either(less(high_x_.vector[v], zero + box.lower.x),
+                               less(high_y_.vector[v], zero + box.lower.y)),
+                        less(reach, distance)));
+      bits |= (~lane_bits(apart) & kAllLanes) << (v * kWidth);
+    }
+    return bits;
+  }
+};
 
 }  // namespace ENGINE

@@ -6,6 +6,41 @@
 
 namespace ENGINE {
 
+// Cuts iterations short without changing their result. An iteration is a function of the state
+// alone, so once a state comes back, the rest of the iterations goes round in the same cycle (often
+// of length one) and only the last, partial round is left to do. Brent's way of finding cycles: the
+// state is compared with one mark, which moves on after 1, 2, 4, ... iterations.
+template <int kCapacity>
+class CycleWatch {
+ public:
+  // `end`: number of iterations to do in all.
+  CycleWatch(int end, int size) : end_(end), size_(size) {}
+
+  int end() const { return end_; }
+
+  // To be called with the state after each iteration, `done` of them so far. A state that a loop
+  // starts from need not be shown.
+  void watch(const float* state, int done) {
+    if (last_round_) return;
+    bool back = marked_ > 0;
+    for (int i = 0; back && i < size_; ++i) back = state[i] == mark_[i];
+    if (back) {
+      end_ = done + (end_ - done) % (done - marked_);
+      last_round_ = true;
+    } else if (done == next_) {
+      for (int i = 0; i < size_; ++i) mark_[i] = state[i];
+      marked_ = done;
+      next_ = 2 * done;
+    }
+  }
+
+ private:
+  int end_, size_;
+  int marked_ = 0, next_ = 1;
+  bool last_round_ = false;
+  float mark_[kCapacity];
+};
+
 // One contact; returns the smallest separation of its points, m. `count` are the points of the
 // manifold, also where the velocity solver used only one.
 inline float correct_contact(const Contact& contact, const Body& body, Motion& motion,

@@ -20,6 +20,7 @@ constexpr int kLanes = kWidth * kChunks;
 typedef __mmask16 Mask;
 inline Vector minimum(Vector a, Vector b) { return (Vector)_mm512_min_ps((__m512)a, (__m512)b); }
 inline Vector maximum(Vector a, Vector b) { return (Vector)_mm512_max_ps((__m512)a, (__m512)b); }
+inline Vector square_root(Vector a) { return (Vector)_mm512_sqrt_ps((__m512)a); }
 inline Mask less(Vector a, Vector b) {
   return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
 }
@@ -29,7 +30,7 @@ inline Mask at_least(Vector a, Vector b) {
 inline Mask both(Mask a, Mask b) { return Mask(a & b); }
 inline Mask either(Mask a, Mask b) { return Mask(a | b); }
 inline Mask but_not(Mask a, Mask b) { return Mask(a & ~b); }
-inline bool any(Mask m) { return m != 0; }
+inline uint32_t lane_bits(Mask m) { return m; }
 inline Vector select(Mask m, Vector a, Vector b) {
   return (Vector)_mm512_mask_blend_ps(m, (__m512)b, (__m512)a);
 }
@@ -37,27 +38,31 @@ inline Vector select(Mask m, Vector a, Vector b) {
 typedef __m256 Mask;
 inline Vector minimum(Vector a, Vector b) { return _mm256_min_ps(a, b); }
 inline Vector maximum(Vector a, Vector b) { return _mm256_max_ps(a, b); }
+inline Vector square_root(Vector a) { return _mm256_sqrt_ps(a); }
 inline Mask less(Vector a, Vector b) { return _mm256_cmp_ps(a, b, _CMP_LT_OQ); }
 inline Mask at_least(Vector a, Vector b) { return _mm256_cmp_ps(a, b, _CMP_GE_OQ); }
 inline Mask both(Mask a, Mask b) { return _mm256_and_ps(a, b); }
 inline Mask either(Mask a, Mask b) { return _mm256_or_ps(a, b); }
 inline Mask but_not(Mask a, Mask b) { return _mm256_andnot_ps(b, a); }
-inline bool any(Mask m) { return _mm256_movemask_ps(m) != 0; }
+inline uint32_t lane_bits(Mask m) { return uint32_t(_mm256_movemask_ps(m)); }
 inline Vector select(Mask m, Vector a, Vector b) { return _mm256_blendv_ps(b, a, m); }
 #else
 typedef __m128 Mask;
 inline Vector minimum(Vector a, Vector b) { return _mm_min_ps(a, b); }
 inline Vector maximum(Vector a, Vector b) { return _mm_max_ps(a, b); }
+inline Vector square_root(Vector a) { return _mm_sqrt_ps(a); }
 inline Mask less(Vector a, Vector b) { return _mm_cmplt_ps(a, b); }
 inline Mask at_least(Vector a, Vector b) { return _mm_cmpge_ps(a, b); }
 inline Mask both(Mask a, Mask b) { return _mm_and_ps(a, b); }
 inline Mask either(Mask a, Mask b) { return _mm_or_ps(a, b); }
 inline Mask but_not(Mask a, Mask b) { return _mm_andnot_ps(b, a); }
-inline bool any(Mask m) { return _mm_movemask_ps(m) != 0; }
+inline uint32_t lane_bits(Mask m) { return uint32_t(_mm_movemask_ps(m)); }
 inline Vector select(Mask m, Vector a, Vector b) {
   return _mm_or_ps(_mm_and_ps(m, a), _mm_andnot_ps(m, b));
 }
 #endif
+constexpr uint32_t kAllLanes = (1u << kWidth) - 1;
+inline bool any(Mask m) { return lane_bits(m) != 0; }
 inline Vector clamp(Vector a, Vector low, Vector high) { return maximum(low, minimum(a, high)); }
 
 // The same for a single lane, so that a kernel can be written once for both.

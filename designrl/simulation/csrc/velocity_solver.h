@@ -55,18 +55,29 @@ struct VelocitySolver {
   ContactRows contacts[kBodies][kMaxTouching];
   int32_t contact_count[kBodies][kLanes];
 
-  void solve(int iterations);
+  // For the first `lanes` lanes.
+  void solve(int iterations, int lanes);
 
  private:
+  // A contact slot of a body in one chunk.
+  struct Pass {
+    ContactRows* rows;
+    int body, chunk;
+  };
+  int find_passes(Pass* passes, int chunks);
+  template <int kUsedChunks>
+  void iterate(int iterations, const Pass* passes, int pass_count);
+  template <int kUsedChunks>
   void solve_joint(int joint, bool limits);
   void solve_contact(int body, ContactRows& rows, int c);
 };
 
 // b2RevoluteJoint::SolveVelocityConstraints. `limits`: some lane's joint is at a limit.
+template <int kUsedChunks>
 inline void VelocitySolver::solve_joint(int joint, bool limits) {
   JointRows& j = joints[joint];
   const int a = kJointA[joint], b = kJointB[joint];
-  for (int c = 0; c < kChunks; ++c) {
+  for (int c = 0; c < kUsedChunks; ++c) {
     Vector ax = vx[a].chunk[c], ay = vy[a].chunk[c], aw = w[a].chunk[c];
     Vector bx = vx[b].chunk[c], by = vy[b].chunk[c], bw = w[b].chunk[c];
     const Vector ia = j.ia.chunk[c], ib = j.ib.chunk[c];
@@ -207,25 +218,14 @@ inline void VelocitySolver::solve_contact(int body, ContactRows& rows, int c) {
   w[body].chunk[c] = select(one, new_turn, turn);
 }
 
-inline void VelocitySolver::solve(int iterations) {
-  bool limits[kJoints];
-  for (int j = 0; j < kJoints; ++j) {
-    limits[j] = false;
-    for (int c = 0; c < kChunks; ++c)
-      limits[j] |= any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
-  }
-  // The contacts of one body must be solved in their order. Those of different bodies, and chunks,
-  // have nothing in common: in turn, they hide each other's latencies.
-  struct Pass {
-    ContactRows* rows;
-    int body, chunk;
-  };
-  Pass passes[kBodies * kChunks * kMaxTouching];
-  int pass_count = 0;
+// The contacts of one body must be solved in their order. Those of different bodies, and chunks,
+// have nothing in common: in turn, they hide each other's latencies. Returns the number of passes.
+inline int VelocitySolver::find_passes(Pass* passes, int chunks) {
+  int count = 0;
   for (int k = 0; k < kMaxTouching; ++k) {
-    const int before = pass_count;
+    const int before = count;
     for (int b : kIslandBodies)
-      for (int c = 0; c < kChunks; ++c) {
+      for (int c = 0; c < chunks; ++c) {
         ContactRows& rows = contacts[b][k];
         bool used = false;
         for (int l = c * kWidth; l < (c + 1) * kWidth; ++l) {
@@ -235,15 +235,35 @@ inline void VelocitySolver::solve(int iterations) {
           rows.one.set(l, false);
           rows.two.set(l, false);
         }
-        if (used) passes[pass_count++] = {&rows, b, c};
+        if (used) passes[count++] = {&rows, b, c};
       }
-    if (pass_count == before) break;
+    if (count == before) break;
   }
+  return count;
+}
+
+template <int kUsedChunks>
+inline void VelocitySolver::iterate(int iterations, const Pass* passes, int pass_count) {
+  bool limits[kJoints] = {};
+  for (int j = 0; j < kJoints; ++j)
+    for (int c = 0; c < kUsedChunks; ++c)
+      limits[j] |= any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
   for (int iteration = 0; iteration < iterations; ++iteration) {
-    for (int joint : kIslandJoints) solve_joint(joint, limits[joint]);
+    for (int joint : kIslandJoints) solve_joint<kUsedChunks>(joint, limits[joint]);
     for (int i = 0; i < pass_count; ++i)
       solve_contact(passes[i].body, *passes[i].rows, passes[i].chunk);
   }
+}
+
+inline void VelocitySolver::solve(int iterations, int lanes) {
+  for (int b = 0; b < kBodies; ++b)
+    for (int l = lanes; l < kLanes; ++l) contact_count[b][l] = 0;
+  Pass passes[kBodies * kChunks * kMaxTouching];
+  const int chunks = (lanes + kWidth - 1) / kWidth;
+  const int pass_count = find_passes(passes, chunks);
+  static_assert(kChunks == 2, "one branch for each number of chunks in use");
+  if (chunks == 1) iterate<1>(iterations, passes, pass_count);
+  else iterate<2>(iterations, passes, pass_count);
 }
 
 }  // namespace ENGINE

@@ -25,26 +25,6 @@ struct StepResult {
   bool terminated, fell;
 };
 
-// Where all bodies are, to notice a position that has been there before.
-struct Positions {
-  float values[3 * kBodies];
-
-  explicit Positions(const Motion* motions) {
-    for (int b = 0; b < kBodies; ++b) {
-      values[3 * b] = motions[b].c.x;
-      values[3 * b + 1] = motions[b].c.y;
-      values[3 * b + 2] = motions[b].a;
-    }
-  }
-  bool operator==(const Motion* motions) const {
-    for (int b = 0; b < kBodies; ++b)
-      if (values[3 * b + 2] != motions[b].a || values[3 * b] != motions[b].c.x ||
-          values[3 * b + 1] != motions[b].c.y)
-        return false;
-    return true;
-  }
-};
-
 class Walker {
  public:
   World world;
@@ -79,12 +59,36 @@ class Walker {
     for (Body& body : world.bodies) body.wake();  // b2RevoluteJoint::SetMotorSpeed
   }
 
-  // b2World::Step up to the velocity iterations, b2Island::Solve's first half.
-  void begin_step(VelocitySolver& solver, int lane) {
+  // b2World::Step up to b2Island::Solve.
+  void begin_step() {
     if (world.moved_count > 0) world.find_new_contacts();  // of the start; later there are none
-    const float dt_ratio = world.inverse_dt_before * kTimeStep;
     world.collide_all();
+    for (int& count : touching_count_) count = 0;
+    for (int i = world.contact_count - 1; i >= 0; --i) {
+      const Contact& contact = world.contact(i);
+      if (!contact.touching) continue;
+      if (touching_count_[contact.body] == kMaxTouching) {
+        world.overflow = true;
+        break;
+      }
+      touching_[contact.body][touching_count_[contact.body]++] = world.order[i];
+    }
+  }
 
+  // Orders walkers so that those with the same number of contacts on the same bodies come next to
+  // each other: in one vector, they waste no lanes of the velocity solver.
+  uint32_t contact_pattern() const {
+    uint32_t pattern = 0;
+    for (int b : kIslandBodies) {
+      const int count = touching_count_[b];
+      pattern = pattern << 4 | unsigned(count < 15 ? count : 15);
+    }
+    return pattern;
+  }
+
+  // b2Island::Solve up to the velocity iterations.
+  void load(VelocitySolver& solver, int lane) {
+    const float dt_ratio = world.inverse_dt_before * kTimeStep;
     for (int b = 0; b < kBodies; ++b) {
       Body& body = world.bodies[b];
       Motion& motion = motions_[b];
@@ -99,29 +103,19 @@ class Walker {
       motion.v = body.velocity + kTimeStep * (gravity + body.inverse_mass * body.force);
       motion.w = body.angular_velocity;
     }
-    for (int b : kIslandBodies) {
-      Body& body = world.bodies[b];
-      int count = 0;
-      for (int i = world.contact_count - 1; i >= 0; --i) {
-        const Contact& contact = world.contact(i);
-        if (contact.body != b || !contact.touching) continue;
-        if (count == kMaxTouching) {
-          world.overflow = true;
-          break;
-        }
+    // Box2D prepares all contacts before it warm starts the first. Without restitution they do not
+    // depend on velocities, and each touches one body only, so one pass does.
+    for (int b = 0; b < kBodies; ++b) {
+      const Body& body = world.bodies[b];
+      for (int k = 0; k < touching_count_[b]; ++k) {
         ContactConstraint constraint;
+        const Contact& contact = world.contacts[touching_[b][k]];
         prepare_contact(constraint, contact, body, motions_[b], dt_ratio);
-        load_contact(solver, lane, b, count, constraint, body);
-        touching_[b][count++] = world.order[i];
-        constraints_[b][count - 1] = constraint;
+        load_contact(solver, lane, b, k, constraint, body);
+        warm_start(constraint, body, motions_[b]);
       }
-      solver.contact_count[b][lane] = count;
+      solver.contact_count[b][lane] = touching_count_[b];
     }
-    // All contacts are prepared from the same velocities before any of them is warm started;
-    // without restitution they do not read velocities, so the order above does not matter.
-    for (int b : kIslandBodies)
-      for (int k = 0; k < solver.contact_count[b][lane]; ++k)
-        warm_start(constraints_[b][k], world.bodies[b], motions_[b]);
     for (int j : kIslandJoints)
       load_joint(solver, lane, j, world.joints[j], world.bodies, motions_, dt_ratio);
     for (int b = 0; b < kBodies; ++b) {
@@ -131,18 +125,21 @@ class Walker {
     }
   }
 
-  // The rest of b2World::Step, and of BipedalWalker.step.
-  void finish_step(const VelocitySolver& solver, int lane, bool closest_hits,
-                   StepResult& result) {
+  // b2Island::Solve after the velocity iterations: takes the impulses and velocities.
+  void store(const VelocitySolver& solver, int lane) {
     for (int b = 0; b < kBodies; ++b) {
-      for (int k = 0; k < solver.contact_count[b][lane]; ++k)
+      for (int k = 0; k < touching_count_[b]; ++k)
         store_contact(solver, lane, b, k, world.contacts[touching_[b][k]]);
       motions_[b].v = {solver.vx[b].lane[lane], solver.vy[b].lane[lane]};
       motions_[b].w = solver.w[b].lane[lane];
-      integrate(motions_[b], kTimeStep);
     }
     for (int j = 0; j < kJoints; ++j) store_joint(solver, lane, j, world.joints[j]);
-    const bool solved = correct_positions(solver, lane);
+  }
+
+  // The rest of b2World::Step, and of BipedalWalker.step.
+  void finish_step(bool closest_hits, StepResult& result) {
+    for (Motion& motion : motions_) integrate(motion, kTimeStep);
+    const bool solved = correct_positions();
     for (int b = 0; b < kBodies; ++b) {
       Body& body = world.bodies[b];
       const Motion& motion = motions_[b];
@@ -165,8 +162,8 @@ class Walker {
 
  private:
   Motion motions_[kBodies];
-  ContactConstraint constraints_[kBodies][kMaxTouching];
-  int16_t touching_[kBodies][kMaxTouching];
+  int touching_count_[kBodies];
+  int16_t touching_[kBodies][kMaxTouching];  // slots of touching contacts, newest first
   double energy_[kJoints];
   double shaping_;
   bool has_shaping_;
@@ -219,18 +216,14 @@ class Walker {
 
   // Position iterations of b2Island::Solve; whether the errors became small.
   //
-  // An iteration is a function of the bodies' positions alone. A joint that a motor holds beyond its
-  // limit keeps a quarter of all steps from ever converging, and most of those soon go round in a
-  // short cycle of positions. Once a position has come back, only the rest of the last round is
-  // left to do (Brent's way of finding cycles).
-  bool correct_positions(const VelocitySolver& solver, int lane) {
-    Positions mark(motions_);
-    int marked = 0, next_mark = 1, end = kPositionIterations;
-    bool last_round = false;
-    for (int i = 0; i < end; ++i) {
+  // A joint that a motor holds beyond its limit keeps a quarter of all steps from ever converging;
+  // most of those soon go round in a cycle of positions.
+  bool correct_positions() {
+    CycleWatch<3 * kBodies> cycle(kPositionIterations, 3 * kBodies);
+    for (int i = 0; i < cycle.end(); ++i) {
       float smallest = 0.0f;
       for (int b : kIslandBodies)
-        for (int k = 0; k < solver.contact_count[b][lane]; ++k)
+        for (int k = 0; k < touching_count_[b]; ++k)
           smallest = minimum(smallest, correct_contact(world.contacts[touching_[b][k]],
                                                        world.bodies[b], motions_[b], kBaumgarte));
       bool joints_good = true;
@@ -241,16 +234,13 @@ class Walker {
         joints_good = joints_good && good;
       }
       if (smallest >= -3.0f * kLinearSlop && joints_good) return true;
-      if (last_round) continue;
-      const int done = i + 1;
-      if (mark == motions_) {
-        end = done + (kPositionIterations - done) % (done - marked);
-        last_round = true;
-      } else if (done == next_mark) {
-        mark = Positions(motions_);
-        marked = done;
-        next_mark = 2 * done;
+      float state[3 * kBodies];
+      for (int b = 0; b < kBodies; ++b) {
+        state[b] = motions_[b].a;
+        state[kBodies + 2 * b] = motions_[b].c.x;
+        state[kBodies + 2 * b + 1] = motions_[b].c.y;
       }
+      cycle.watch(state, i + 1);
     }
     return false;
   }
@@ -297,10 +287,14 @@ class Walker {
     }
     state[8] = world.ground_contact[kBottom1] ? 1.0f : 0.0f;
     state[13] = world.ground_contact[kBottom2] ? 1.0f : 0.0f;
+    float end_x[kRays], end_y[kRays];
     for (int i = 0; i < kRays; ++i) {
-      const Vec2 end = {float(x + directions.x[i]), float(y - directions.y[i])};
-      state[14 + i] = cast_ray(world, hull.xf.p, end, closest_hits);
+      end_x[i] = float(x + directions.x[i]);
+      end_y[i] = float(y - directions.y[i]);
     }
+    RayFan fan(hull.xf.p, end_x, end_y);
+    const float* fractions = fan.cast_all(world, closest_hits);
+    for (int i = 0; i < kRays; ++i) state[14 + i] = fractions[i];
 
     const double angle = hull.sweep.a;
     double shaping = 130 * x / kScale;

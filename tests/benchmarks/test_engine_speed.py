@@ -1,0 +1,161 @@
+"""Steps per second of the walker engine, EnvPool and Gymnasium, as ratios to the reference.
+
+    make bench
+
+All run the hardcore task from episode to episode, resets included, on random policies (EnvPool and
+plain Gymnasium: random actions, no policy at all, which favours them). Before each round of a
+benchmark the reference runs for a moment, and the ratio is the median over the rounds, so that a
+machine whose speed drifts still gives the same ratio.
+"""
+
+import os
+import statistics
+import time
+
+import gymnasium
+import numpy as np
+import pytest
+
+from designrl.experiments import get_experiment
+from designrl.policy import Agent
+from designrl.simulation.engine import WalkerEngine, engine_missing_reason
+from designrl.simulation.reference import run_episode
+
+REASON = engine_missing_reason()
+ROUNDS = 5
+CANDIDATES, ROLLOUTS = 192, 2  # the paper's population
+WEIGHT_STD = 0.3
+EXPERIMENT = get_experiment("biped-hardcore")
+REFERENCE_STEPS = 1500
+GROUP = pytest.mark.benchmark(group="walker rollouts")
+
+
+def random_policies():
+    rng = np.random.default_rng(0)
+    return WEIGHT_STD * rng.standard_normal((CANDIDATES, EXPERIMENT.num_parameters))
+
+
+class Reference:
+    """Whole episodes of the random policies in turn, in the Gymnasium environment."""
+
+    def __init__(self):
+        self.env = gymnasium.make(EXPERIMENT.env_id, disable_env_checker=True)
+        self.agents = [Agent(EXPERIMENT, parameters) for parameters in random_policies()]
+        self.episode = 0
+
+    def __call__(self) -> int:
+        steps = 0
+        while steps < REFERENCE_STEPS:
+            agent = self.agents[self.episode % CANDIDATES]
+            steps += run_episode(self.env, agent, seed=self.episode)[1]
+            self.episode += 1
+        return steps
+
+
+class Engine:
+    """One generation of the random policies."""
+
+    def __init__(self, threads):
+        self.engine = WalkerEngine(True, threads=threads)
+        self.batch = {
+            "parameters": random_policies(),
+            "scales": np.ones((CANDIDATES, 8)),
+            "reward_factors": np.ones(CANDIDATES),
+            "seeds": np.arange(CANDIDATES * ROLLOUTS).reshape(CANDIDATES, ROLLOUTS),
+        }
+
+    def __call__(self) -> int:
+        return int(self.engine.rollout(**self.batch)[1].sum())
+
+
+class Gymnasium:
+    """Gymnasium's own walker under random actions."""
+
+    def __init__(self):
+        self.env = gymnasium.make("BipedalWalkerHardcore-v3")
+        self.env.reset(seed=0)
+        self.actions = np.random.default_rng(0).uniform(-1, 1, (REFERENCE_STEPS, 4))
+
+    def __call__(self) -> int:
+        for action in self.actions:
+            *_, terminated, truncated, _ = self.env.step(action)
+            if terminated or truncated:
+                self.env.reset()
+        return len(self.actions)
+
+
+class EnvPool:
+    """EnvPool's C++ walker under random actions, in one thread."""
+
+    COUNT, STEPS = 16, 400
+
+    def __init__(self):
+        envpool = pytest.importorskip("envpool", reason="EnvPool is not installed (pip install)")
+        self.env = envpool.make(
+            "BipedalWalkerHardcore-v3", env_type="gymnasium", num_envs=self.COUNT, num_threads=1
+        )
+        self.env.reset()
+        rng = np.random.default_rng(0)
+        self.actions = rng.uniform(-1, 1, (self.STEPS, self.COUNT, 4)).astype(np.float32)
+
+    def __call__(self) -> int:
+        for actions in self.actions:
+            self.env.step(actions)
+        return self.COUNT * self.STEPS
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return Reference()
+
+
+def measure(benchmark, subject, reference):
+    """Benchmark `subject()`, which returns its steps, with the reference beside each round."""
+    rates, reference_rates = [], []
+
+    def rate(run):
+        start = time.perf_counter()
+        steps = run()
+        return steps / (time.perf_counter() - start)
+
+    benchmark.pedantic(
+        lambda: rates.append(rate(subject)),
+        setup=lambda: reference_rates.append(rate(reference)),
+        rounds=ROUNDS,
+        warmup_rounds=1,
+    )
+    ratios = [a / b for a, b in zip(rates[1:], reference_rates[1:], strict=True)]
+    benchmark.extra_info["steps_per_second"] = round(statistics.median(rates[1:]))
+    benchmark.extra_info["ratio_to_reference"] = round(statistics.median(ratios), 2)
+
+
+@GROUP
+def test_gymnasium_random_actions(benchmark, reference):
+    measure(benchmark, Gymnasium(), reference)
+
+
+@GROUP
+def test_envpool_random_actions_one_thread(benchmark, reference):
+    measure(benchmark, EnvPool(), reference)
+
+
+@GROUP
+def test_reference(benchmark, reference):
+    measure(benchmark, Reference(), reference)
+
+
+@GROUP
+@pytest.mark.skipif(REASON is not None, reason=str(REASON))
+def test_engine_one_thread(benchmark, reference):
+    subject = Engine(threads=1)
+    measure(benchmark, subject, reference)
+    benchmark.extra_info["instruction_set"] = subject.engine.isa
+
+
+@GROUP
+@pytest.mark.skipif(REASON is not None, reason=str(REASON))
+def test_engine_all_cores(benchmark, reference):
+    subject = Engine(threads=None)
+    measure(benchmark, subject, reference)
+    benchmark.extra_info["cores"] = len(os.sched_getaffinity(0))
+    benchmark.extra_info["instruction_set"] = subject.engine.isa
