@@ -33,6 +33,9 @@ from designrl.simulation import CandidateError, EpisodeRules, Simulator
 
 STATE_FORMAT = "designrl training state 1"
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
+# May differ when a run is resumed: they say how long it goes and what is kept of it, but do not
+# change the course of its distribution.
+OBSERVING_SETTINGS = ("generations", "evaluate_every", "evaluation_episodes", "keep")
 CANDIDATE_DECIMALS = 4  # the published code sends candidates to its workers in fixed point
 
 # Spawn keys of the run's SeedSequence; `designrl.reinforce` has (generation, 0) for the samples.
@@ -64,7 +67,7 @@ class TrainingRun:
 
     Raises:
         InputError: the folder holds a run and `resume` is not set; or holds another run, or one
-            with other settings (only `generations` may differ), or is in use.
+            with other settings (but for OBSERVING_SETTINGS), or is in use.
     """
 
     def __init__(
@@ -108,6 +111,14 @@ class TrainingRun:
         """All generations are done."""
         return self.optimiser.generation >= self.settings.generations
 
+    def candidates(self) -> np.ndarray:
+        """(N, P) candidates of the next generation."""
+        return self.optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
+
+    def simulator(self) -> Simulator:
+        """What simulates them, where this run is to be executed."""
+        return Simulator(self.experiment, self.backend, workers=self.workers, ray=self.ray)
+
     def run(self) -> None:
         """Train to the last generation.
 
@@ -125,9 +136,7 @@ class TrainingRun:
     def _run(self) -> None:
         generation = self.optimiser.generation
         with (
-            Simulator(
-                self.experiment, self.backend, workers=self.workers, ray=self.ray
-            ) as simulator,
+            self.simulator() as simulator,
             RunWriter(
                 self.out / "generations.mcap",
                 self._metadata(),
@@ -168,7 +177,7 @@ class TrainingRun:
         settings, optimiser = self.settings, self.optimiser
         index = optimiser.generation
         mu, sigma = optimiser.mu.numpy().copy(), optimiser.sigma.numpy().copy()
-        candidates = optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
+        candidates = self.candidates()
         seeds = self._episode_seeds(index)
         done = 0
 
@@ -299,7 +308,7 @@ class TrainingRun:
             "versions": json.dumps(checkpoint.versions(), sort_keys=True),
             "host": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
-            "command": " ".join(["designrl", *sys.argv[1:]]),
+            "command": self.command,
             "workers": f"Ray {self.ray}" if self.ray else str(self.workers),
         }
 
@@ -313,6 +322,19 @@ class TrainingRun:
         }
         self._snapshot = self.optimiser.state(), metadata
 
+    @property
+    def command(self) -> str:
+        """A command that gives this run's result, with a folder and workers of one's own."""
+        given = []
+        for setting in dataclasses.fields(self.settings):
+            value = getattr(self.settings, setting.name)
+            if setting.name == "rollouts":
+                first, *later = value
+                value = ",".join([str(first[1]), *(f"{start}:{r}" for start, r in later)])
+            if setting.name != "experiment" and value is not None:
+                given.append(f"--{setting.name.replace('_', '-')} {value}")
+        return " ".join(["designrl train", self.experiment.name, *given])
+
     def _save_state(self) -> None:
         tensors, metadata = self._snapshot
         checkpoint.write_tensors(self._state_path, tensors, metadata, STATE_FORMAT)
@@ -321,7 +343,8 @@ class TrainingRun:
         tensors, metadata = checkpoint.read_tensors(self._state_path, STATE_FORMAT)
         damaged = InputError(f"{self._state_path} is damaged; start again in another folder")
         try:
-            found = {**metadata["settings"], "generations": self.settings.generations}
+            observing = {name: self.settings.as_dict()[name] for name in OBSERVING_SETTINGS}
+            found = {**metadata["settings"], **observing}
             progress = _Progress(**metadata["progress"])
             if not all(v is None or math.isfinite(v) for v in vars(progress).values()):
                 raise damaged

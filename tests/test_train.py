@@ -167,6 +167,22 @@ def test_the_kept_agent_is_the_best_candidate_or_the_mean(tmp_path):
         assert is_mean == (keep == "mean")
 
 
+def test_what_is_kept_may_change_when_a_run_is_resumed(tmp_path):
+    before = train(tmp_path, generations=2).optimiser.mu.numpy()
+    after = train(tmp_path, generations=3, keep="mean", evaluate_every=1, resume=True)
+    straight = train(tmp_path / "straight", generations=3, keep="mean", evaluate_every=1)
+    assert (after.optimiser.mu.numpy() != before).any()
+    np.testing.assert_array_equal(after.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
+
+
+def test_the_recorded_command_gives_the_run_again(tmp_path):
+    run = TrainingRun(settings(), tmp_path, backend="reference")
+    assert run.command == (
+        "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
+        "--preset published --evaluate-every 2 --keep best --evaluation-episodes 3"
+    )
+
+
 def test_a_folder_with_a_run_is_not_overwritten(undisturbed, tmp_path):
     before = file_hash(undisturbed / "state.safetensors")
     with pytest.raises(InputError, match="holds another run"):
