@@ -2,6 +2,7 @@
 #   make reproduce                   all tables, figures and the report, as far as out of date
 #   make reproduce-table3            one of them: table1 .. table4, figure1 .. figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
+#   make gallery                     looping pictures of each experiment's best agent
 #   make test                        the test suite
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make bench                       speeds as ratios to a named baseline
@@ -19,7 +20,7 @@ export ZOO
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce $(REPRODUCE) verify-engine verify-resume fuzz clean
+.PHONY: setup test bench lint reproduce $(REPRODUCE) gallery verify-engine verify-resume fuzz clean
 
 setup: $(READY)
 
@@ -54,6 +55,9 @@ reproduce: $(READY)
 
 $(REPRODUCE): reproduce-%: $(READY)
 	@$(BIN)/python -m reproduce.build $*
+
+gallery: $(READY)
+	@$(BIN)/python -m reproduce.gallery
 
 verify-engine: $(READY)
 	@$(BIN)/python -m designrl.simulation.verify

@@ -103,7 +103,7 @@ def linked(table: str) -> str:
         source = next((c for c in cells if c == "paper" or c.startswith("ours")), "")
         start = cells.index(source) + 1 if source else 0
         for i, cell in enumerate(cells):
-            numeric = re.search(r"\d", cell) and "|" not in cell
+            numeric = re.search(r"\d", cell) and not re.match(r"0( runs|, )", cell)
             if numeric and (header[i] == "Ours" or source.startswith("ours") and i >= start):
                 cells[i] = f"[{cell}]({origin})"
             elif cell == "paper" or header[i].startswith("Paper") and numeric:
@@ -119,7 +119,9 @@ def table(name: str) -> str:
     """A table with its notes, its numbers linked, and its origin."""
     text = (scores.output_folder() / "tables" / f"{name}.md").read_text(encoding="utf-8")
     title, _, rest = text.partition("\n")
-    notes = rest.split("\n\nCheckpoints:")[0].strip()  # those are under Origins
+    # How scores were made, and from which checkpoints, is under Origins, once for all.
+    notes = rest.split("\n\nCheckpoints:")[0].strip()
+    notes = "\n\n".join(n for n in notes.split("\n\n") if not n.startswith("Scored on"))
     return f"### {title.removeprefix('# ')}\n\n{linked(notes)}\n\n{origin_line(name)}"
 
 
@@ -158,27 +160,21 @@ def summary(ours: dict[str, list[Score]]) -> str:
 def answer() -> str:
     """The statistics' answer in one paragraph, for the paper's runs and ours."""
     means, _ = statistics.run_means()
+    names = {"paper": "In the paper's own runs", "ours": "In ours"}
     sentences = []
     for source, values in means.items():
-        said = {}
+        said = []
         for without, with_ in statistics.PAIRS:
             if EXPERIMENTS[with_].leg_area_reward:
-                continue
+                continue  # they trade score for smaller legs
             a, b = values[without], values[with_]
-            words = "not to be told" if not (len(a) and len(b)) else None
-            c = None if words else statistics.compare(a, b)
-            words = words or statistics.verdict(c)
-            said.setdefault(words, []).append(
-                f"{EXPERIMENTS[with_].title} ({c['difference']:+.0f})"
-                if c
-                else EXPERIMENTS[with_].title
-            )
-        parts = [f"{', '.join(names)}: {words}" for words, names in said.items()]
-        name = {"paper": "the paper's own runs", "ours": "our runs"}.get(source, source)
-        sentences.append(
-            f"By {name}, with a learned body against the original one, scores are — "
-            f"{'; '.join(parts)}."
-        )
+            words = "there are no runs of both yet"
+            if len(a) and len(b):
+                c = statistics.compare(a, b)
+                words = f"{c['difference']:+.0f} points ({statistics.verdict(c)})"
+            said.append(f"{EXPERIMENTS[without].title}: {words}")
+        start = names.get(source, f"With the {source}")
+        sentences.append(f"{start}, a learned body against the original one: {'; '.join(said)}.")
     return " ".join(sentences)
 
 
@@ -332,6 +328,7 @@ table { border-collapse: collapse; font-size: 0.8rem; }
 th, td { padding: 0.2rem 0.5rem; border-bottom: 1px solid #ddd; text-align: left;
   vertical-align: top; }
 td { min-width: 2.5rem; }
+td a { white-space: nowrap; }
 pre { overflow-x: auto; background: #f4f4f4; padding: 0.7rem; }
 code { font-size: 0.85em; overflow-wrap: anywhere; }
 em { font-size: 0.85em; color: #444; }

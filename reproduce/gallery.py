@@ -1,0 +1,82 @@
+"""Short looping pictures of each experiment's best agent, for the README.
+
+    make gallery
+
+Writes paper/gallery/EXPERIMENT.webp, as the environments render one rollout; experiments without a
+checkpoint are skipped. Not part of `make reproduce`: nothing is read from it.
+"""
+
+import io
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from PIL import Image
+from tqdm import tqdm
+
+from designrl.checkpoint import write_atomically
+from designrl.experiments import EXPERIMENTS
+from reproduce import scores
+from reproduce.drawing import typical_seed
+from reproduce.scores import Score
+
+WIDTH = 320  # pixels
+FRAMES = 60
+FIRST, EVERY = 60, 3  # steps: where the picture starts, and from one frame to the next
+
+
+def rollout(s: Score) -> tuple[list[Image.Image], float]:
+    """Pictures of a stretch of one typical rollout, and how many ms each is to be shown."""
+    env = gymnasium.make(
+        s.agent.experiment.env_id,
+        design=s.agent.body,
+        render_mode="rgb_array",
+        disable_env_checker=True,
+    )
+    seed = typical_seed(s)
+    s.agent.reset(seed)
+    observation, _ = env.reset(seed=seed)
+    frames = []
+    for step in range(FIRST + FRAMES * EVERY):
+        observation, _, terminated, truncated, _ = env.step(s.agent.act(observation, step))
+        if terminated or truncated:
+            break
+        if step >= FIRST and (step - FIRST) % EVERY == 0:
+            picture = Image.fromarray(np.ascontiguousarray(env.render()))
+            height = round(picture.height * WIDTH / picture.width)
+            frames.append(picture.resize((WIDTH, height), Image.Resampling.LANCZOS))
+    env.close()
+    return frames, 1000 * EVERY / env.metadata["render_fps"]
+
+
+def main() -> None:
+    """Write a picture per experiment that has a checkpoint."""
+    folder = scores.output_folder() / "gallery"
+    written: list[Path] = []
+    with tqdm(EXPERIMENTS, unit="picture") as bar:
+        for name in bar:
+            bar.set_postfix_str(name)
+            s = scores.representative(name)
+            frames, duration = rollout(s) if s else ([], 0.0)
+            if not frames:
+                tqdm.write(f"{name}: no checkpoint yet" if s is None else f"{name}: it falls early")
+                continue
+            data = io.BytesIO()
+            frames[0].save(
+                data,
+                "WEBP",
+                save_all=True,
+                append_images=frames[1:],
+                duration=round(duration),
+                loop=0,
+                quality=40,
+                method=4,
+            )
+            written.append(folder / f"{name}.webp")
+            write_atomically(written[-1], data.getvalue())
+    for path in written:
+        print(f"{scores.shown(path)}: {path.stat().st_size / 1024:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
