@@ -215,25 +215,28 @@ class WalkerEngine:
         """The native call, in a thread of its own so that Ctrl-C and progress get through."""
         threads = max(1, min(self.threads, batch.candidates * batch.rollouts))
         run = _library().designrl_engine_run
-        status = []
+        status, done = [], threading.Event()
 
         def call(arrays=arrays):
-            # Holds the arrays: a Ctrl-C at the wrong moment could end the caller before this.
-            status.append(run(ctypes.byref(batch), self.isa.encode(), threads))
+            # Holds the arrays: after a Ctrl-C at the wrong moment the caller may be gone before the
+            # call is. (Thread.join() of Python 3.11 is no help, an interrupt ends it for good.)
+            try:
+                status.append(run(ctypes.byref(batch), self.isa.encode(), threads))
+            finally:
+                done.set()
 
         thread = threading.Thread(target=call, daemon=True)
         reported = 0
         try:
             thread.start()
-            while thread.is_alive():
-                thread.join(_POLL_SECONDS)
+            while not done.wait(_POLL_SECONDS) or batch.finished > reported:
                 finished = batch.finished
                 if progress and finished > reported:
                     progress(finished - reported)
-                    reported = finished
+                reported = finished
         finally:
             batch.stop = 1  # after an exception; otherwise all is done
             if thread.ident is not None:
-                thread.join()
+                done.wait()
         if status != [0]:
             raise MemoryError("the walker engine got no memory for its episodes")
