@@ -90,7 +90,8 @@ class EnvPool:
     COUNT, STEPS = 16, 400
 
     def __init__(self):
-        envpool = pytest.importorskip("envpool", reason="EnvPool is not installed (pip install)")
+        reason = "EnvPool is not installed: pip install envpool==1.2.5"
+        envpool = pytest.importorskip("envpool", reason=reason)
         self.env = envpool.make(
             "BipedalWalkerHardcore-v3", env_type="gymnasium", num_envs=self.COUNT, num_threads=1
         )
