@@ -22,8 +22,8 @@ from tqdm import tqdm
 
 from designrl.checkpoint import file_hash, write_atomically
 from reproduce import scores
-from reproduce.scores import ROOT
 
+PACKAGE = Path(__file__).parent
 ITEMS = (
     *("table1", "table2", "table3", "table4", "statistics"),
     *("figure1", "figure2", "figure3", "figure4", "figure5", "figure6", "figure7"),
@@ -47,7 +47,7 @@ def sources(module: ModuleType) -> list[Path]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("reproduce"):
                 names = [node.module, *(f"reproduce.{alias.name}" for alias in node.names)]
-                files = (ROOT / f"{name.replace('.', '/')}.py" for name in names)
+                files = (PACKAGE.parent / f"{name.replace('.', '/')}.py" for name in names)
                 left += [file for file in files if file.is_file()]
     return sorted(found)
 
@@ -80,11 +80,11 @@ def make(name: str, always: bool = False) -> list[Path] | None:
     """Make an item; None where it is up to date (never with `always`), else what was written."""
     module = load(name)
     read = inputs(module)
-    made_here = scores.CACHE.parent / "reproduce" / scores.output_folder().name / f"{name}.json"
+    made_here = scores.ROOT / ".cache" / "reproduce" / scores.output_folder().name / f"{name}.json"
     if not always and made_here.exists():
         kept = json.loads(made_here.read_text(encoding="utf-8"))
         same = kept["inputs"] == read and kept["versions"] == used_versions()
-        if same and hashes([ROOT / path for path in kept["outputs"]]) == kept["outputs"]:
+        if same and hashes([scores.ROOT / path for path in kept["outputs"]]) == kept["outputs"]:
             return None
     written = module.main()
     state = {
@@ -137,7 +137,7 @@ def main(names: list[str]) -> None:
 
 def outputs(name: str) -> list[Path]:
     """The files of an item that is up to date."""
-    return [ROOT / path for path in json.loads(manifest(name).read_text())["outputs"]]
+    return [scores.ROOT / path for path in json.loads(manifest(name).read_text())["outputs"]]
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from designrl.experiments import EXPERIMENTS
 from designrl.settings import TrainSettings
 from designrl.train import STATE_FORMAT
 from reproduce import build, figure5, scores, statistics, table3
-from reproduce.scores import ROOT, Score
+from reproduce.scores import Score
 from reproduce.table2 import BLOCKS, ROWS, WALKERS
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
@@ -67,11 +67,10 @@ def origin_line(name: str) -> str:
     """Command, inputs and outputs of an item, as one line under it."""
     item = MADE_BY.get(name, name)
     made = json.loads((scores.output_folder() / "inputs" / f"{item}.json").read_text())
-    experiments = dict.fromkeys(
-        Path(path).parent.name for path in made["inputs"] if path.startswith("pretrained/")
-    )
-    links = [f"[({EXPERIMENTS[n].letter})](#origin-{EXPERIMENTS[n].letter})" for n in experiments]
-    used = f"; checkpoints {' '.join(links)}" if links else ""
+    read = [Path(path).parts for path in made["inputs"]]
+    letters = {EXPERIMENTS[p[1]].letter for p in read if p[0] in ("pretrained", "logs")}
+    links = [f"[({letter})](#origin-{letter})" for letter in sorted(letters)]
+    used = f"; our runs of {' '.join(links)}" if links else ""
     kinds = ("tables", ("md", "tex", "csv")) if name in TABLES else ("figures", ("svg", "pdf"))
     files = ", ".join(f"[{suffix}]({kinds[0]}/{name}.{suffix})" for suffix in kinds[1])
     return f"*`make reproduce-{item}`{used}; [hashes of what it read](inputs/{item}.json); {files}*"
@@ -204,7 +203,8 @@ def costs(ours: dict[str, list[Score]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
     lines = [
         "| Run | Generations (paper) | Population × rollouts (paper 192 × 16) | Steps | "
-        "Core-hours | Hours | Solved at generation | core-hours | The paper's |",
+        "Core-hours | Hours | Solved: generation | Solved: core-hours | "
+        "Solved in the paper: generation; core-hours |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     text = scores.paper()["text"]
@@ -214,7 +214,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
             if s.problem or "settings" not in s.agent.metadata:
                 continue
             settings = s.agent.metadata["settings"]
-            log = ROOT / "logs" / name / s.path.stem
+            log = scores.ROOT / "logs" / name / s.path.stem
             cost = progress(log)
             rollouts = ", ".join(
                 f"{count} from generation {start}" if start else str(count)
@@ -306,7 +306,7 @@ def origins(ours: dict[str, list[Score]]) -> str:
                 items.append(
                     "by " + ", ".join(f"{library} {v}" for library, v in m["versions"].items())
                 )
-            log = ROOT / "logs" / name / s.path.stem / "generations.mcap"
+            log = scores.ROOT / "logs" / name / s.path.stem / "generations.mcap"
             if log.exists():
                 path = scores.shown(log)
                 items.append(f"recording [{path}](../{path}), sha256 `{file_hash(log)}`")
@@ -322,7 +322,7 @@ body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
   max-width: 54rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
 h1, h2, h3 { line-height: 1.2; }
 h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
-img { max-width: 100%; height: auto; display: block; margin: 0 auto; }
+img { width: 100%; max-width: 44rem; height: auto; display: block; margin: 0 auto; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 0.8rem; }
 th, td { padding: 0.2rem 0.5rem; border-bottom: 1px solid #ddd; text-align: left;
@@ -373,7 +373,7 @@ def main() -> list[Path]:
     text = TEMPLATE.read_text(encoding="utf-8")
     text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], text)
     folder = scores.output_folder()
-    if folder != ROOT / "paper":  # one folder deeper
+    if folder != scores.ROOT / "paper":  # one folder deeper
         text = text.replace("](../", "](../../").replace(f"]({TO_PAPER})", f"](../{TO_PAPER})")
     paths = [folder / "report.md", folder / "report.html"]
     write_atomically(paths[0], text.encode())
