@@ -19,9 +19,19 @@ INSTRUCTION_SETS = {
     "avx2": ["-mavx2"],
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512"],
 }
-# No contraction into fused multiply-adds and no reordering: the bits must be Box2D's. The other two
-# give up only errno and floating-point traps, and let comparisons become vector selects.
-FLAGS = ["-std=c++17", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+FLAGS = [
+    "-std=c++17",
+    "-O3",
+    "-g0",
+    # Whatever CFLAGS says: the baseline runs anywhere, and the bits must be Box2D's, without fused
+    # multiply-adds and without reordered sums.
+    "-march=x86-64",
+    "-fno-fast-math",
+    "-ffp-contract=off",
+    # These give up errno and floating-point traps only, and let comparisons become selects.
+    "-fno-math-errno",
+    "-fno-trapping-math",
+]
 
 
 class BuildEngine(build_ext):

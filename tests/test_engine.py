@@ -185,12 +185,21 @@ def test_an_unknown_instruction_set_is_refused(monkeypatch):
         {"reward_factors": np.ones(3)},
         {"seeds": np.zeros(4, dtype=int)},
         {"seeds": np.full((4, 1), -1)},
+        {"seeds": np.full((4, 1), 0.5)},
     ],
     ids=lambda change: next(iter(change)),
 )
 def test_arrays_that_do_not_fit_are_refused(change):
     with pytest.raises(InputError, match=next(iter(change))):
         WalkerEngine(False).rollout(**{**random_batch(4, 1), **change})
+
+
+@needs_engine
+def test_a_candidate_that_is_not_finite_is_named():
+    batch = random_batch(4, 1)
+    batch["parameters"][2, 7] = np.nan
+    with pytest.raises(InputError, match="candidate 2"):
+        WalkerEngine(False).rollout(**batch)
 
 
 @needs_engine

@@ -158,15 +158,15 @@ class WalkerEngine:
             lists of R arrays (steps + 1, 24) float32, the first row being reset's.
 
         Raises:
-            InputError: shapes that do not fit each other; an episode beyond the engine's
-                capacities (it is never simulated differently instead).
+            InputError: shapes that do not fit each other; numbers that are not finite; an episode
+                beyond the engine's capacities (it is never simulated differently instead).
             KeyboardInterrupt: within a step or two of Ctrl-C.
         """
         weights = np.ascontiguousarray(np.asarray(parameters), dtype=np.float32)
         scales = np.ascontiguousarray(scales, dtype=np.float64)
         factors = np.ascontiguousarray(reward_factors, dtype=np.float64)
         seeds = np.asarray(seeds)
-        if seeds.ndim != 2 or (seeds < 0).any():
+        if seeds.ndim != 2 or seeds.dtype.kind not in "iu" or (seeds < 0).any():
             raise InputError("seeds must be an (N, R) array of integers from 0 on")
         seeds = np.ascontiguousarray(seeds, dtype=np.uint64)
         n, r = seeds.shape
@@ -178,6 +178,12 @@ class WalkerEngine:
         for name, (shape, needed) in expected.items():
             if shape != needed:
                 raise InputError(f"{name} must have shape {needed}, got {shape}")
+
+        broken = ~(np.isfinite(weights).all(axis=1) & np.isfinite(scales).all(axis=1))
+        if broken.any():
+            raise InputError(
+                f"candidate {int(np.argmax(broken))} has parameters that are not finite"
+            )
 
         returns = np.zeros((n, r))
         steps = np.zeros((n, r), dtype=np.int64)

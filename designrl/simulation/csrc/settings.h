@@ -4,6 +4,20 @@
 // into one library. All of it lives in a namespace named after the instruction set, so that the
 // linker can never put an AVX-512 copy of a function into the baseline's code path. For the same
 // reason nothing here uses containers or algorithms of the standard library.
+//
+// The files, in the order of a step:
+//   random, terrain       the course of an episode, as Gymnasium and NumPy draw it
+//   math2d, shapes, body  vectors, polygons and their masses, bodies and joints
+//   tree, narrow_phase, world
+//                         broad phase, contact points, the list of contacts
+//   constraints           a walker's contacts and joints made ready, and loaded into vector lanes
+//   simd, velocity_solver the 180 velocity iterations, many walkers side by side
+//   position_solver       integration and the position iterations
+//   continuous            impacts within a step
+//   lidar                 the ten rays
+//   walker                the step as a whole; start, observation and reward
+//   policy, lanes         the network; episodes one after the other in every lane
+//   batch, engine         what ctypes calls
 #pragma once
 
 #include <cmath>
