@@ -157,11 +157,13 @@ class RayFan {
       const Vector along = normal_x_[v] * d.x + normal_y_[v] * d.y;
       const Vector distance = maximum(along, -along);
       const Vector reach = absolute_x_[v] * extent.x + absolute_y_[v] * extent.y;
-      const Mask apart =
-          either(either(less(zero + box.upper.x, low_x_.vector[v]), less(zero + box.upper.y, low_y_.vector[v])),
-                 either(either(less(high_x_.vector[v], zero + box.lower.x),
-                               less(high_y_.vector[v], zero + box.lower.y)),
-                        less(reach, distance)));
+      const Vector low_x = zero + box.lower.x, high_x = zero + box.upper.x;
+      const Vector low_y = zero + box.lower.y, high_y = zero + box.upper.y;
+      const Mask left_or_right =
+          either(less(high_x, low_x_.vector[v]), less(high_x_.vector[v], low_x));
+      const Mask below_or_above =
+          either(less(high_y, low_y_.vector[v]), less(high_y_.vector[v], low_y));
+      const Mask apart = either(either(left_or_right, below_or_above), less(reach, distance));
       bits |= (~lane_bits(apart) & kAllLanes) << (v * kWidth);
     }
     return bits;

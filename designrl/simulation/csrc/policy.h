@@ -2,7 +2,7 @@
 // inputs in order.
 #pragma once
 
-#include "velocity_solver.h"
+#include "math2d.h"
 
 namespace ENGINE {
 

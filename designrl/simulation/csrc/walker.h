@@ -1,5 +1,5 @@
-// The walker: start of an episode, one step in two halves around the velocity solver, observation
-// and reward (Gymnasium's bipedal_walker.py, designrl/envs/walker.py, b2World::Step).
+// The walker: start of an episode, a step up to and from the velocity iterations, observation and
+// reward (Gymnasium's bipedal_walker.py, designrl/envs/walker.py, b2World::Step).
 #pragma once
 
 #include "continuous.h"

@@ -94,8 +94,8 @@ struct World {
   Course course;
   Tree tree;
 
-  // Contacts live in slots; `order` lists them from the oldest to the newest. Box2D walks its lists,
-  // the world's and each body's, from the newest: here they are walked from the end.
+  // Contacts live in slots; `order` lists them from the oldest to the newest. Box2D walks its
+  // lists, the world's and each body's, from the newest: here they are walked from the end.
   Contact contacts[kMaxContacts];
   int16_t order[kMaxContacts], free_slots[kMaxContacts];
   int contact_count, free_count;
