@@ -82,7 +82,7 @@ class McapFile:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._temporary = self.path.with_name(f".{self.path.name}.new")
+        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.new")
         self._file = None
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -99,9 +99,11 @@ class McapFile:
         self._writer.start(library=f"designrl {designrl.__version__}")
 
     def _failure(self, error: OSError) -> RecordingError:
+        # Neither a file of before nor what was sealed of this one is harmed.
+        intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
         return RecordingError(
             f"{self.path} cannot be written ({error.strerror}); free some space or choose another "
-            "place, what was recorded before is intact"
+            f"place{intact}"
         )
 
     @property
