@@ -51,17 +51,22 @@ class Recording:
     @property
     def kind(self) -> str:
         """ "run", "rollout", or "unknown" for files that are not ours."""
-        if "/summary" in self._channels or RUN in dict(self._scan.metadata):
-            return RUN
-        return ROLLOUT if "/tf" in self._channels else "unknown"
+        # Topics and names of metadata are too plain to tell: others use the same.
+        types = {self._scan.schema(channel).name for channel in self._channels.values()}
+        about = {name for name, values in self._scan.metadata if "experiment" in values}
+        for kind, message in ((RUN, schema.Summary), (ROLLOUT, schema.Observation)):
+            if message.DESCRIPTOR.full_name in types or kind in about:
+                return kind
+        return "unknown"
 
     @property
     def metadata(self) -> dict[str, str]:
         """What the file says of its run or rollout."""
+        kind, found = self.kind, {}
         for name, values in self._scan.metadata:
-            if name == self.kind:
-                return values
-        return {}
+            if name == kind:
+                found |= values  # of a rollout, the score comes at the end
+        return found
 
     @property
     def metadata_records(self) -> list[tuple[str, dict[str, str]]]:
@@ -71,6 +76,8 @@ class Recording:
     @property
     def complete(self) -> bool:
         """The file is whole, and so is the run or rollout in it."""
+        if self.kind == "unknown":
+            return self.problem is None
         end = dict(self._scan.metadata).get(END, {})
         return self.problem is None and end.get("finished") == "true"
 
@@ -168,7 +175,8 @@ class Recording:
     @cached_property
     def generations(self) -> np.ndarray:
         """(G,) indices of a run's generations."""
-        return self.array("/summary", "generation") if "/summary" in self._channels else _NONE
+        is_run = self.kind == RUN and "/summary" in self._channels
+        return self.array("/summary", "generation") if is_run else _NONE
 
     def transforms(self) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
         """Part -> the part it hangs on, (T, 3) positions in m and (T, 4) quaternions x, y, z, w.
@@ -209,8 +217,11 @@ def describe(path: str | Path) -> str:
     """
     recording = read(path)
     size = recording.path.stat().st_size
-    what = {RUN: "recording of a training run", ROLLOUT: "recording of a rollout"}
-    lines = [f"{path}: {what.get(recording.kind, 'MCAP file of another program')}, {size:,} bytes"]
+    what = {
+        RUN: "recording of a training run",
+        ROLLOUT: "recording of a rollout",
+    }.get(recording.kind, "not a recording of designrl but an MCAP file of another program")
+    lines = [f"{path}: {what}, {size:,} bytes"]
     generations = recording.generations
     if len(generations):
         mean = recording.array("/summary", "mean")
@@ -219,10 +230,13 @@ def describe(path: str | Path) -> str:
             f"population mean {mean[-1]:.1f} in the last, "
             f"{recording.array('/summary', 'total_steps')[-1]:,} environment steps"
         )
-    if recording.topics.get("/evaluation"):
+        missing = int(generations.max()) + 1 - len(set(generations.tolist()))
+        if missing:
+            lines.append(f"  {missing} generations are missing")
+    if recording.kind == RUN and recording.topics.get("/evaluation"):
         scores = recording.array("/evaluation", "mean")
         lines.append(f"  {len(scores)} evaluations, best {scores.max():.1f}")
-    if recording.topics.get("/reward"):
+    if recording.kind == ROLLOUT and recording.topics.get("/reward"):
         total = recording.array("/reward", "total")
         lines.append(f"  {len(total)} steps, {recording.seconds:.2f} s, {total[-1]:.1f} points")
     if not recording.complete:

@@ -8,6 +8,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
+from designrl.errors import InputError
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.bodies import GROUND_REFRESH, make_body, relative
 from designrl.recording.mcap_file import END, ROLLOUT, McapFile
@@ -37,9 +38,9 @@ class RolloutWriter:
         self._body = make_body(env)
         parts = list(self._body.parents)
         self._parent_indices = [parts.index(p) for p in list(self._body.parents.values())[1:]]
-        self._metadata = dict(metadata)
         self._step, self._total, self._shown_at = 0, 0.0, None
         self._file = McapFile(path)
+        self._file.metadata(ROLLOUT, metadata)  # first, so that a file that was cut has it
         description = self._body.urdf(_caption(metadata))
         string = ("std_msgs/msg/String", "ros2msg", b"string data\n", {})
         channel = self._file.channel("/robot_description", lambda: string)
@@ -119,8 +120,7 @@ class RolloutWriter:
 
     def close(self) -> None:
         """Put the file in place."""
-        values = {**self._metadata, "score": self._total, "steps": self._step}
-        self._file.metadata(ROLLOUT, values)
+        self._file.metadata(ROLLOUT, {"score": self._total, "steps": self._step})
         self._file.metadata(END, {"finished": "true"})
         self._file.publish()
         self._file.abandon()
@@ -168,11 +168,14 @@ def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = N
         seed: of the environment and of the policy's noise.
         metadata: what else to say of it.
 
-    Returns: the score, the same as an evaluation gives for that seed.
+    Returns: the score, the same as `designrl evaluate` gives for that seed.
 
     Raises:
+        InputError: the seed is negative.
         RecordingError: the file cannot be written.
     """
+    if seed < 0:
+        raise InputError(f"the seed is {seed}; choose one from 0 up")
     import gymnasium
 
     import designrl  # noqa: F401 (registers the environments)
