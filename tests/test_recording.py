@@ -21,6 +21,7 @@ from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
 
 from designrl.checkpoint import versions
+from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.policy import Agent
 from designrl.recording import (
@@ -33,6 +34,7 @@ from designrl.recording import (
     schema_pb2,
     thin,
 )
+from designrl.recording.mcap_file import McapFile
 from designrl.recording.urdf import body_urdf
 from designrl.simulation.reference import run_episode
 
@@ -329,6 +331,22 @@ def test_files_of_other_writers_are_described(compression, use_chunking, tmp_pat
         list(read(path).messages("/thing"))
 
 
+def test_topics_and_metadata_of_our_names_do_not_make_a_file_ours(tmp_path):
+    path = tmp_path / "other.mcap"
+    writer = Writer(str(path))
+    writer.start()
+    writer.add_metadata("run", {"robot": "other"})
+    schema = writer.register_schema("other.Thing", "jsonschema", b"{}")
+    for topic in ("/summary", "/tf", "/evaluation", "/reward"):
+        writer.add_message(writer.register_channel(topic, "json", schema), 0, b"{}", 0)
+    writer.finish()
+    recording = read(path)
+    assert recording.kind == "unknown" and recording.metadata == {} and recording.complete
+    assert len(recording.generations) == 0
+    assert "not a recording of designrl but an MCAP file of another program" in describe(path)
+    assert "incomplete" not in describe(path)
+
+
 def test_messages_without_a_schema_are_counted(tmp_path):
     path = tmp_path / "other.mcap"
     writer = Writer(str(path))
@@ -361,6 +379,30 @@ def test_a_resumed_run_has_every_generation_once(resume, run, tmp_path):
     assert (np.diff(times) >= 0).all()
 
 
+@pytest.mark.parametrize("held", [None, 0, 4])
+def test_a_resume_says_which_generations_are_missing(held, tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    if held is not None:
+        write_run(path, range(held))
+    write_run(path, range(6, 9), resume_generation=6)
+    recording, first = read(path), held or 0
+    gap = f"{6 - first} of the generations {first} to 5 are missing"
+    assert capsys.readouterr().err == f"{path}: {gap} (the file was cut or removed); going on\n"
+    assert recording.kind == "run" and recording.metadata["seed"] == "7" and recording.complete
+    assert recording.generations.tolist() == [*range(first), 6, 7, 8]
+    assert dict(recording.metadata_records)["resumed"]["missing"] == gap
+    assert f"{6 - first} generations are missing" in describe(path)
+
+
+def test_nothing_is_said_where_nothing_is_missing(run, tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(run.read_bytes())
+    write_run(path, range(7, 9), resume_generation=7)
+    thin(path, tmp_path / "thin.mcap", every=4)
+    assert capsys.readouterr().err == ""
+    assert "missing" not in describe(path) and "missing" not in describe(tmp_path / "thin.mcap")
+
+
 def test_a_run_resumes_from_a_file_that_was_cut(run, tmp_path):
     data, path = run.read_bytes(), tmp_path / "run.mcap"
     for cut in np.random.default_rng(1).integers(8, len(data), 10):
@@ -375,7 +417,7 @@ def test_a_resume_that_fails_leaves_the_old_file(run, tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
     path.write_bytes(run.read_bytes())
     monkeypatch.setattr(os, "pwrite", _full_disk(after=20_000))
-    with pytest.raises(RecordingError, match="No space left on device"):
+    with pytest.raises(RecordingError, match="No space left on device.*recorded before is intact"):
         RunWriter(path, {"experiment": EXPERIMENT.name}, resume_generation=9)
     assert path.read_bytes() == run.read_bytes()
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
@@ -547,6 +589,42 @@ def test_the_body_is_an_urdf_with_the_papers_names(name):
 
 def test_a_rollout_that_fails_leaves_no_file(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "pwrite", _full_disk(after=1000))
-    with pytest.raises(RecordingError, match="No space left"):
+    with pytest.raises(RecordingError, match="No space left") as failure:
         record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=0)
+    assert list(tmp_path.iterdir()) == [] and "intact" not in str(failure.value)
+
+
+def test_a_rollout_that_was_cut_still_says_where_it_came_from(tmp_path, rollout):
+    path, data = tmp_path / "cut.mcap", rollout.read_bytes()
+    path.write_bytes(data[: data.rindex(b"score")])
+    recording, whole = read(path), read(rollout).metadata
+    assert recording.kind == "rollout" and recording.problem
+    assert {**recording.metadata, "score": whole["score"], "steps": whole["steps"]} == whole
+    assert recording.metadata["seed"] == "3" and "agent" in recording.metadata
+    assert "score" not in recording.metadata
+
+
+def test_a_negative_seed_is_refused(tmp_path):
+    with pytest.raises(InputError, match="the seed is -1; choose one from 0 up"):
+        record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=-1)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_two_processes_do_not_write_into_one_file(tmp_path):
+    script = (
+        "import sys; from designrl.recording.mcap_file import McapFile\n"
+        "file = McapFile(sys.argv[1]); file.metadata('from', {'who': 'other'})\n"
+        "print(flush=True); sys.stdin.read(); file.publish(); file.close()\n"
+    )
+    path = tmp_path / "x.mcap"
+    with subprocess.Popen(
+        [sys.executable, "-c", script, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        other.stdout.readline()
+        file = McapFile(path)
+        file.metadata("from", {"who": "this"})
+        file.publish()
+        file.close()
+        assert read(path).metadata_records == [("from", {"who": "this"})]
+    assert read(path).metadata_records == [("from", {"who": "other"})]
+    assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]

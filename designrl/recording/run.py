@@ -1,5 +1,6 @@
 """Recording a training run, and thinning such a recording."""
 
+import sys
 import time
 from pathlib import Path
 
@@ -31,7 +32,8 @@ class RunWriter:
         path: the file; replaced if it exists, unless `resume_generation` is given.
         metadata: what to say of the run; "experiment" names it and the body's dimensions.
         resume_generation: keep what an existing file holds of the generations before this one,
-            drop the rest, and go on.
+            drop the rest, and go on. Where some of them are missing, because the file was cut or
+            removed, a line on stderr and the metadata record "resumed" say so.
 
     Raises (every method):
         RecordingError: the file cannot be written, or the one to go on with is no recording.
@@ -48,16 +50,28 @@ class RunWriter:
         self._design = experiment.design if experiment else None
         self._log_time = 0
         old = Path(path)
-        resumed = resume_generation is not None and old.exists()
+        resumed = resume_generation is not None
+        held: set[int] = set()
+
+        def keep(topic: str, index: int) -> bool:
+            if topic == "/summary":
+                held.add(index)
+            return index < resume_generation
+
         self._file = McapFile(path)
         try:
-            if resumed:
-                _copy(self._file, old, lambda topic, index: index < resume_generation)
+            if resumed and old.exists():
+                _copy(self._file, old, keep)
                 self._log_time = self._file.last_log_time
-                self._file.metadata(RESUMED, {**metadata, "generation": resume_generation})
             else:
                 self._file.metadata(RUN, metadata)
+            if resumed:
+                gap = _gap(held, resume_generation)
+                about = {"generation": resume_generation} | ({"missing": gap} if gap else {})
+                self._file.metadata(RESUMED, {**metadata, **about})
             self._file.publish()
+            if resumed and gap:
+                print(f"{path}: {gap} (the file was cut or removed); going on", file=sys.stderr)
         except BaseException:
             self._file.abandon()
             raise
@@ -147,7 +161,7 @@ class RunWriter:
     def evaluation(
         self, index: int, scores: np.ndarray, steps: np.ndarray, seeds: np.ndarray, kept: bool
     ) -> None:
-        """Record an evaluation of the best candidate of generation `index`.
+        """Record the evaluation of an agent after generation `index`.
 
         Args:
             scores, steps, seeds: (E,) return, length and seed of each episode.
@@ -187,6 +201,14 @@ class RunWriter:
             self._file.abandon()  # it has said what is wrong, and the file is as good as it gets
         else:
             self.close(finished=kind is None)
+
+
+def _gap(held: set[int], stop: int) -> str:
+    """Which of the generations before `stop` are missing, in words; empty where none is."""
+    missing = sorted(set(range(stop)) - held)
+    if not missing:
+        return ""
+    return f"{len(missing)} of the generations {missing[0]} to {missing[-1]} are missing"
 
 
 def _copy(target: McapFile, source: Path, keep) -> None:
