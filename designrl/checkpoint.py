@@ -29,6 +29,7 @@ from designrl.experiments import (
 from designrl.policy import Agent
 
 FORMAT = "designrl checkpoint 1"
+STATE_FORMAT = "designrl training state 1"
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
@@ -180,8 +181,8 @@ def load(path: str | Path, experiment: str | None = None) -> Agent:
     try:
         found = get_experiment(metadata["experiment"])
         network = Network(**{**metadata["network"], "sizes": tuple(metadata["network"]["sizes"])})
-        if network not in (found.network, PUBLISHED_ANT_NETWORK):
-            raise InputError(f"its network is unknown: {network}")
+        if tensors["parameters"].dtype != np.float64:
+            raise InputError("its parameters are not float64")
         agent = Agent(found, tensors["parameters"], network, metadata)
     except InputError as error:
         raise InputError(f"{path} cannot be used: {error}") from None
@@ -199,19 +200,13 @@ def load_published(path: str | Path, experiment: Experiment) -> Agent:
         InputError: missing, not such a list, or of another length than the experiment's networks.
     """
     path = Path(path)
-    data = _read_limited(path)
-    try:
-        parameters, score = json.loads(data.decode())
-        parameters = np.array(parameters, dtype=np.float64)
-        score = float(score)
-    except (ValueError, TypeError, RecursionError, OverflowError):
-        raise InputError(f"{path} is not a 2018 weights file ([parameters, score])") from None
+    parameters, score = _read_published(path)
     network = experiment.network
     if experiment.name == "ant" and parameters.shape == (PUBLISHED_ANT_NETWORK.num_parameters,):
         network = PUBLISHED_ANT_NETWORK
     metadata = {
         "source": f"published weights of 2018 ({path.name})",
-        "source_sha256": hashlib.sha256(data).hexdigest(),
+        "source_sha256": file_hash(path),
         "score": score,
         "versions": versions(),
     }
@@ -221,12 +216,51 @@ def load_published(path: str | Path, experiment: Experiment) -> Agent:
         raise InputError(f"{path} cannot be used as {experiment.name}: {error}") from None
 
 
+def _read_published(path: Path) -> tuple[np.ndarray, float]:
+    data = _read_limited(path)
+    try:
+        parameters, score = json.loads(data.decode())
+        return np.array(parameters, dtype=np.float64), float(score)
+    except (ValueError, TypeError, RecursionError, OverflowError):
+        raise InputError(f"{path} is not a 2018 weights file ([parameters, score])") from None
+
+
+def _format_of(path: Path) -> str | None:
+    """Which of our formats a file is of; None where that cannot be told."""
+    for name in (FORMAT, STATE_FORMAT):
+        try:
+            read_tensors(path, name)
+            return name
+        except InputError:
+            pass
+    return None
+
+
+def _describe_state(path: Path) -> str:
+    tensors, metadata = read_tensors(path, STATE_FORMAT)
+    progress = metadata.get("progress", {})
+    lines = [
+        f"{path}: state of a training run of {metadata.get('experiment')}; "
+        "`designrl train ... --resume` goes on with it",
+        f"generations  {tensors.get('generation')}",
+        *(f"{key:12} {value}" for key, value in progress.items()),
+        f"settings     {metadata.get('settings')}",
+    ]
+    return "\n".join(lines)
+
+
 def describe(path: str | Path) -> str:
-    """What a checkpoint or training state holds and where it came from, in lines of text.
+    """What a checkpoint, training state or 2018 .json holds and where it came from, as text.
 
     Raises:
         InputError: as `load`.
     """
+    path = Path(path)
+    if path.suffix == ".json":
+        parameters, score = _read_published(path)
+        return f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
+    if _format_of(path) == STATE_FORMAT:
+        return _describe_state(path)
     agent = load(path)
     m = agent.metadata
     lines = [
@@ -247,8 +281,10 @@ def describe(path: str | Path) -> str:
             ("episodes", "score_episodes"),
             ("steps", "environment_steps"),
         )
-        if key in m
+        if isinstance(m.get(key), str | int | float)
     ]
+    if agent.experiment.leg_area_reward:
+        lines.append("             (the score includes the factor for smaller legs)")
     for label in ("settings", "versions"):
         if isinstance(m.get(label), dict):
             values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)

@@ -70,6 +70,11 @@ class Experiment:
         return "Hardcore" in self.env_id
 
     @property
+    def networks(self) -> tuple[Network, ...]:
+        """Networks that its agents may have: its own, and the published ant's for the ant."""
+        return (self.network, PUBLISHED_ANT_NETWORK) if self.name == "ant" else (self.network,)
+
+    @property
     def body(self) -> DesignSpace:
         """The dimensions of its body, learned or not."""
         return WALKER if self.is_walker else ANT

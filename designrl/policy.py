@@ -71,7 +71,8 @@ class Agent:
         metadata: where it came from.
 
     Raises:
-        InputError: wrong number of parameters, or some are not finite.
+        InputError: a network that the experiment does not have, a wrong number of parameters, or
+            some that are not finite.
     """
 
     def __init__(
@@ -83,6 +84,8 @@ class Agent:
     ):
         self.experiment = experiment
         self.network = network or experiment.network
+        if self.network not in experiment.networks:
+            raise InputError(f"{experiment.name} does not have the network {self.network}")
         self.parameters = np.array(parameters, dtype=np.float64)
         self.metadata = metadata or {}
         design_size = experiment.design.size if experiment.design else 0

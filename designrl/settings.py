@@ -54,7 +54,11 @@ class TrainSettings:
     experiment: str
     seed: int = field(default=0, metadata={"help": "of everything random"})
     generations: int | None = field(
-        default=None, metadata={"help": "updates of the distribution (default: the paper's)"}
+        default=None,
+        metadata={
+            "help": "updates of the distribution; the last one is always evaluated (default: the "
+            "paper's)"
+        },
     )
     population: int = field(default=192, metadata={"help": "candidates per generation"})
     rollouts: tuple[tuple[int, int], ...] = field(
@@ -113,6 +117,12 @@ class TrainSettings:
         ):
             if value is not None and value < 1:
                 raise InputError(f"{name} is {value}; it must be at least 1")
+        for name in ("sigma_start", "sigma_decay", "learning_rate"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value <= 10:  # false for NaN, too
+                raise InputError(
+                    f"{name.replace('_', '-')} is {value}; it must be above 0 and at most 10"
+                )
         if self.seed < 0:
             raise InputError(f"the seed is {self.seed}; it must be at least 0")
 

@@ -23,6 +23,7 @@ import torch
 from tqdm import tqdm
 
 from designrl import checkpoint
+from designrl.checkpoint import STATE_FORMAT
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
@@ -31,11 +32,11 @@ from designrl.reinforce import Reinforce
 from designrl.settings import TrainSettings
 from designrl.simulation import CandidateError, EpisodeRules, Simulator
 
-STATE_FORMAT = "designrl training state 1"
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
 # May differ when a run is resumed: they say how long it goes and what is kept of it, but do not
 # change the course of its distribution.
 OBSERVING_SETTINGS = ("generations", "evaluate_every", "evaluation_episodes", "keep")
+RESULTS = ("best.safetensors", "generations.mcap", "rollouts")
 CANDIDATE_DECIMALS = 4  # the published code sends candidates to its workers in fixed point
 
 # Spawn keys of the run's SeedSequence; `designrl.reinforce` has (generation, 0) for the samples.
@@ -99,10 +100,15 @@ class TrainingRun:
     def _open(self) -> None:
         if self._resume and self._state_path.exists():
             self._load_state()
-        elif self._state_path.exists() or (self.out / "best.safetensors").exists():
+        elif self._state_path.exists():
             raise InputError(
                 f"{self.out} holds another run; add --resume to go on with it, or choose another "
                 "folder with --out"
+            )
+        elif any((self.out / name).exists() for name in RESULTS):
+            raise InputError(
+                f"{self.out} holds results of a run but no state.safetensors to go on with; choose "
+                "another folder with --out"
             )
         self._take_snapshot()
 
@@ -135,6 +141,8 @@ class TrainingRun:
 
     def _run(self) -> None:
         generation = self.optimiser.generation
+        self._save_state()  # first of all, so that whatever is left by a kill can be resumed
+        self._resume = True
         with (
             self.simulator() as simulator,
             RunWriter(
@@ -151,8 +159,6 @@ class TrainingRun:
                 smoothing=0.05,
             ) as bar,
         ):
-            self._save_state()  # first of all, so that whatever is left by a kill can be resumed
-            self._resume = True
             saved_at = time.perf_counter()
             try:
                 while not self.finished:
@@ -218,7 +224,10 @@ class TrainingRun:
     _status = ""
 
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
-        """Score an agent without training-time rewards; keep it if it is the best so far."""
+        """Score an agent as the published runs did; keep it if it is the best so far.
+
+        No reward of training but the factor for smaller legs, where the experiment has it.
+        """
         start = time.perf_counter(), time.process_time()
         settings, progress = self.settings, self.progress
         generation = self.optimiser.generation

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from designrl.checkpoint import file_hash, load, read_tensors
+from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
 from designrl.recording import read, thin
-from designrl.train import STATE_FORMAT
+from designrl.settings import PRESETS, PUBLISHED
 from reproduce.scores import ROOT, paper, score
 
 KEPT_GENERATIONS = 80  # about as many stay in a published recording
@@ -54,7 +54,9 @@ def publish_recordings(run: Path, log: Path, best_generation: int) -> str:
     for old in (log / "rollouts").iterdir():
         old.unlink()
     rollouts = sorted((run / "rollouts").glob("*.mcap"))
-    best = next(path for path in rollouts if path.stem.endswith(f"{best_generation:05d}"))
+    best = run / "rollouts" / f"generation{best_generation:05d}.mcap"
+    if best not in rollouts:
+        sys.exit(f"publish: {best} is missing; it is the kept agent's rollout")
     for path in {rollouts[0], rollouts[rollouts.index(best) // 2], best}:
         shutil.copyfile(path, log / "rollouts" / path.name)
     return recording.metadata["host"]
@@ -75,7 +77,10 @@ def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
             f"{experiment.rollouts} from generation 0",
         ),
         "generations": (settings["generations"], experiment.generations),
-        "σ decay per generation": (settings["sigma_decay"] or 0.9995, 0.9995),
+        "σ decay per generation": (
+            settings["sigma_decay"] or PRESETS[settings["preset"]].sigma_decay,
+            PUBLISHED.sigma_decay,
+        ),
         "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),
     }
     lines = [

@@ -88,7 +88,16 @@ def test_mirrored_candidates_lie_around_the_mean_in_pairs():
     torch.testing.assert_close((plus + minus) / 2, optimiser.mu.expand(3, 4))
 
 
-def test_sigma_decays_to_its_floor_and_changes_by_a_fifth_at_most():
+def test_sigma_stops_decaying_at_its_floor():
+    settings = ReinforceSettings(sigma_start=0.0201, sigma_learning_rate=0.0)
+    optimiser = Reinforce(5, population=8, settings=settings)
+    for _ in range(50):
+        optimiser.tell(np.zeros(8))
+    assert (optimiser.sigma > 0.9995 * 0.02).all()
+    assert (optimiser.sigma <= 0.02).all()
+
+
+def test_sigma_changes_by_a_fifth_at_most():
     optimiser = Reinforce(5, population=8, seed=1)
     before = optimiser.sigma.clone()
     for generation in range(30):

@@ -13,7 +13,7 @@ import pytest
 from designrl.design import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
-from designrl.experiments import get_experiment
+from designrl.experiments import PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.policy import Agent
 from designrl.simulation import (
     PIECES_PER_WORKER,
@@ -220,6 +220,15 @@ def test_wrong_input_is_refused():
             simulator.rollout(np.zeros((2, 2812)), np.zeros((2, 1)))
         with pytest.raises(InputError, match="one row per candidate"):
             simulator.rollout(np.zeros((2, 2804)), np.zeros((3, 1)))
+        for seeds in ([[0.5]], [["a"]], [[-1]], np.zeros((1, 0), dtype=int)):
+            with pytest.raises(InputError, match="a whole number from 0"):
+                simulator.rollout(np.zeros((1, 2804)), seeds)
+        with pytest.raises(InputError, match="candidate 1 has parameters that are not finite"):
+            simulator.rollout([[0.0] * 2804, [np.nan] * 2804], [[0], [0]])
+    with pytest.raises(InputError, match="lidar"):
+        Simulator("ant", lidar="v9")
+    with pytest.raises(InputError, match="does not have the network"):
+        Simulator("biped", network=PUBLISHED_ANT_NETWORK)
     agent = Agent(get_experiment("biped"), np.zeros(2804))
     with pytest.raises(InputError, match="at least 1 episode"):
         evaluate(agent, episodes=0)

@@ -149,6 +149,10 @@ def test_wrong_arguments_are_refused():
     with pytest.raises(ValueError, match="lidar"):
         gymnasium.make(IDS[0], lidar="v4")
     env = gymnasium.make(IDS[0])
+    env.reset(seed=0)
+    for action in (np.zeros(2), np.zeros(12), np.float64(0.0), np.array([0, 0, np.nan, 0])):
+        with pytest.raises(ValueError, match="four finite numbers"):
+            env.unwrapped.step(action)
     with pytest.raises(ValueError, match="'desing'"):
         env.reset(options={"desing": np.ones(8)})
     with pytest.raises(ValueError, match="8 scales"):

@@ -492,7 +492,3 @@ class Ant(gymnasium.Env, EzPickle):
             **c,
         )
         return np.asarray(pixels, dtype=np.uint8).reshape(height, width, 4)[:, :, :3].copy()
-
-    @property
-    def _capsules(self):
-        return leg_capsules(self.design)

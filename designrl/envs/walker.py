@@ -149,7 +149,7 @@ class Walker(BipedalWalker):
     |----------|--------------------------------------------------------|-----------------------|
     | progress | 130 / 30 · (x - x of the step before)                  | points, x in m; the   |
     |          |                                                        | whole course gives    |
-    |          |                                                        | about 340 (Gymnasium) |
+    |          |                                                        | 364 (Gymnasium)       |
     | posture  | -5 · (|hull angle| - |hull angle of the step before|)  | points, angle in rad  |
     | energy   | -0.028 · sum of min(|action|, 1)                       | points (v2: "count    |
     |          |                                                        | energy spent")        |
@@ -179,7 +179,7 @@ class Walker(BipedalWalker):
 
     Raises:
         InputError (a ValueError): a design of wrong length, not finite or out of bounds; an
-            unknown `lidar`; unknown reset options.
+            unknown `lidar`; unknown reset options; an action that is not four finite numbers.
 
     ## Version history
     - v0: the 2018 task on Gymnasium 1.4 and box2d-py 2.3.8.
@@ -231,6 +231,8 @@ class Walker(BipedalWalker):
     def step(self, action):
         """One 50th of a second; rewards are float64 whatever the action's type."""
         action = np.asarray(action, dtype=np.float64)
+        if action.shape != (4,) or not np.isfinite(action).all():
+            raise InputError(f"an action must be four finite numbers, got {action}")
         observation, reward, terminated, truncated, info = super().step(action)
         x, tilt = self.hull.position[0], abs(self.hull.angle)
         terms = dict.fromkeys(REWARD_TERMS, 0.0)

@@ -88,8 +88,12 @@ class Simulator:
             raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
         if workers < 1:
             raise InputError(f"the number of workers is {workers}; it must be at least 1")
+        if lidar not in ("v2", "v3"):
+            raise InputError(f'lidar is {lidar!r}; it must be "v2" (the paper\'s) or "v3"')
         self.experiment = get_experiment(experiment)
         self.network = network or self.experiment.network
+        if self.network not in self.experiment.networks:
+            raise InputError(f"{self.experiment.name} does not have the network {self.network}")
         self.lidar = lidar
         self._engine = None
         if backend == "engine" and self.experiment.is_walker:
@@ -123,12 +127,13 @@ class Simulator:
             progress: called with the number of episodes that have ended since its last call.
 
         Raises:
-            InputError: shapes that do not fit the experiment or each other.
+            InputError: shapes that do not fit the experiment or each other; parameters that are not
+                finite; seeds that are not whole numbers of at least 0.
             CandidateError: a candidate crashes the simulation each time, or its return is no number
                 (an in-process simulation that crashes takes this process with it).
         """
         candidates = np.asarray(candidates, dtype=np.float64)
-        seeds = np.asarray(seeds, dtype=np.int64)
+        seeds = np.asarray(seeds)
         design_size = self.experiment.design.size if self.experiment.design else 0
         expected = self.network.num_parameters + design_size
         if candidates.ndim != 2 or candidates.shape[1] != expected:
@@ -141,6 +146,12 @@ class Simulator:
                 f"seeds must have shape ({len(candidates)}, R), one row per candidate, "
                 f"got {seeds.shape}"
             )
+        if not np.isfinite(candidates).all():
+            index = int(np.argmin(np.isfinite(candidates).all(axis=1)))
+            raise InputError(f"candidate {index} has parameters that are not finite")
+        if seeds.shape[1] < 1 or seeds.dtype.kind not in "iu" or seeds.min(initial=0) < 0:
+            raise InputError("each candidate needs a seed at least, a whole number from 0")
+        seeds = seeds.astype(np.int64)
         if self._engine and not self._pool:
             result = self._rollout_engine(candidates, seeds, rules, progress)
         else:
