@@ -4,7 +4,7 @@ Above the population's mean return ± 2 standard deviations, as training sees it
 each evaluated agent and of the best one so far, without training's changes of the reward. Over
 generations, environment steps and core-hours. Reads logs/EXPERIMENT/seed*/ (recordings, and the
 states for the processor time) and paper/paper.toml. Writes paper/figures/figure5.svg, .pdf and
-.png. Curves of the other experiments, on the same axes: paper/figures/curves.*.
+.png; and the curves of the flat walkers and of the ants in the same way, curves.* and curves_ant.*.
 
     make reproduce-figure5
 """
@@ -139,13 +139,13 @@ def mark_paper(panels) -> None:
                 axes.axvline(mark, color=colour, linestyle=":", linewidth=1, label=name)
 
 
-def frame(panels) -> None:
-    """Labels and the line of a solved task."""
+def frame(panels, solved: bool) -> None:
+    """Labels, and the line of a solved task."""
     for row in panels:
         for axes in row:
-            axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
-            if not axes.lines[1:]:
-                axes.set_ylim(-150, 400)  # nothing to draw yet
+            if solved:
+                axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+            axes.margins(x=0.02)
     for axes, label in zip(panels[1], AXES, strict=True):
         axes.set_xlabel(label)
         if axes.get_xscale() == "linear":
@@ -154,14 +154,17 @@ def frame(panels) -> None:
     panels[1, 0].set_ylabel("evaluated agent's score\n(points; line: best so far)")
 
 
-def figure_of(rows: dict[str, tuple[str, str]], paper_marks: bool) -> Figure:
+def figure_of(rows: dict[str, tuple[str, str]], paper_marks: bool, solved: bool = True) -> Figure:
     """The six panels for some experiments: name -> label and colour."""
     figure = Figure(figsize=(drawing.WIDTH, 3.9), layout="constrained")
     panels = figure.subplots(2, 3, sharex="col", sharey="row")
     notes = [note for name, about in rows.items() for note in draw(panels, name, *about)]
+    for axes in panels.flat:
+        if not axes.lines:
+            axes.set_ylim(-150, 400)  # nothing to draw yet
     if paper_marks:
         mark_paper(panels)
-    frame(panels)
+    frame(panels, solved)
     handles, labels = panels[1, 0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=2)
@@ -172,16 +175,19 @@ def figure_of(rows: dict[str, tuple[str, str]], paper_marks: bool) -> Figure:
 
 def main() -> list[Path]:
     """Draw the figures; returns their files."""
-    others = {}
-    colours = iter((drawing.ORIGINAL, drawing.LEARNED, drawing.THIRD))
+    flat, ants = {}, {}
+    colours = (drawing.ORIGINAL, drawing.LEARNED, drawing.THIRD)
     for name, experiment in EXPERIMENTS.items():
-        if experiment.is_walker and not experiment.hardcore:
-            # Runs with smaller legs are evaluated, as in 2018, with their reward factor.
-            factor = ", with its reward factor" if experiment.leg_area_reward else ""
-            others[name] = (experiment.title + factor, next(colours))
+        # Runs with smaller legs are evaluated, as in 2018, with their reward factor.
+        label = experiment.title + (", with its factor" if experiment.leg_area_reward else "")
+        if not experiment.is_walker:
+            ants[name] = (label, colours[len(ants)])
+        elif not experiment.hardcore:
+            flat[name] = (label, colours[len(flat)])
     return [
         *drawing.save(figure_of(HARDCORE, paper_marks=True), "figure5"),
-        *drawing.save(figure_of(others, paper_marks=False), "curves"),
+        *drawing.save(figure_of(flat, paper_marks=False), "curves"),
+        *drawing.save(figure_of(ants, paper_marks=False, solved=False), "curves_ant"),
     ]
 
 

@@ -39,12 +39,17 @@ def in_words(ours: list[float], paper_mean: float, paper_runs: list[float]) -> s
     return f"{words}, within its runs ({low:.0f} to {high:.0f})"
 
 
+def std_over_runs(means: list[float]) -> float:
+    """Sample standard deviation, with which the paper's Table 3 follows from its Table 4."""
+    return float(np.std(means, ddof=1))
+
+
 def summary(found: list[Score]) -> str:
     """Mean ± std over runs as printed; of a single run, over its rollouts and with *."""
     if len(found) == 1:
         return f"{found[0].mean:.0f} ± {found[0].std:.1f} *"
     means = [s.mean for s in found]
-    return f"{np.mean(means):.0f} ± {np.std(means):.1f}"
+    return f"{np.mean(means):.0f} ± {std_over_runs(means):.1f}"
 
 
 def main() -> list[Path]:
@@ -64,7 +69,7 @@ def main() -> list[Path]:
         paper_mean, paper_std = printed["table3"][name]
         good = [s for s in ours[name] if not s.problem]
         means = [s.mean for s in good]
-        value, words = "-", MISSING
+        value, words = "-", "no usable checkpoint" if ours[name] else MISSING
         if good:
             value, words = summary(good), in_words(means, paper_mean, printed["table4"][name])
         for bad in (s for s in ours[name] if s.problem):
@@ -76,7 +81,7 @@ def main() -> list[Path]:
             "paper_mean": paper_mean,
             "paper_std_over_runs": paper_std,
             "our_mean": np.mean(means) if good else "",
-            "our_std_over_runs": np.std(means) if len(good) > 1 else "",
+            "our_std_over_runs": std_over_runs(means) if len(good) > 1 else "",
             "our_runs": len(good),
             "our_means": " ".join(f"{m:.4f}" for m in means),
             "our_stds_over_rollouts": " ".join(f"{s.std:.4f}" for s in good),
@@ -95,7 +100,7 @@ def main() -> list[Path]:
         records.append(record)
 
     notes = [
-        "Mean ± standard deviation over runs of the average score of 100 rollouts. "
+        "Mean ± sample standard deviation over runs of the average score of 100 rollouts. "
         "*: one run; the standard deviation is over its rollouts.",
         scoring_note(),
         *origin_notes(s for name in EXPERIMENTS for s in (*ours[name], *authors[name].values())),

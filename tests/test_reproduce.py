@@ -17,7 +17,18 @@ from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
-from reproduce import build, drawing, figure4, figure5, report, scores, statistics, table1, table2
+from reproduce import (
+    build,
+    drawing,
+    figure4,
+    figure5,
+    report,
+    scores,
+    statistics,
+    table1,
+    table2,
+    table3,
+)
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
 
@@ -152,6 +163,15 @@ def test_unusable_checkpoints_are_named_and_the_rest_goes_on(project):
         assert "seed1.safetensors is of experiment biped, not biped-morphology" in text
         assert re.search(r"30\d", text), "the usable one is scored"
         assert str(project) not in text, "no path of this machine"
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_papers_summary_follows_from_its_runs(name):
+    printed = scores.paper()
+    mean, std = printed["table3"][name]
+    runs = printed["table4"][name]
+    assert np.mean(runs) == pytest.approx(mean, abs=1)  # printed runs are rounded
+    assert table3.std_over_runs(runs) == pytest.approx(std, abs=0.2)
 
 
 def test_table1_prints_the_papers_body_from_the_authors_weights(zoo_agent):
