@@ -596,7 +596,7 @@ def test_a_rollout_that_fails_leaves_no_file(tmp_path, monkeypatch):
 
 def test_a_rollout_that_was_cut_still_says_where_it_came_from(tmp_path, rollout):
     path, data = tmp_path / "cut.mcap", rollout.read_bytes()
-    path.write_bytes(data[: data.rindex(b"score")])
+    path.write_bytes(data[: data.rindex(b"\x05\0\0\0score")])
     recording, whole = read(path), read(rollout).metadata
     assert recording.kind == "rollout" and recording.problem
     assert {**recording.metadata, "score": whole["score"], "steps": whole["steps"]} == whole
