@@ -131,7 +131,7 @@ class Reinforce:
         """Update μ and σ with the (N,) returns of the candidates of `ask()`.
 
         Raises:
-            InputError: not N finite numbers.
+            InputError: not N finite numbers, or μ or σ have grown out of all bounds.
         """
         returns = torch.as_tensor(np.asarray(returns), dtype=torch.float64)
         if returns.shape != (self.population,) or not torch.isfinite(returns).all():
@@ -156,6 +156,11 @@ class Reinforce:
             self.mu = self.mu + s.learning_rate * by_mu
             # The paper does not say what keeps σ positive; a floor is the least that does.
             self.sigma = torch.clamp(self.sigma + s.learning_rate * by_sigma, min=s.sigma_floor)
+        if not torch.isfinite(torch.stack([self.mu, self.sigma])).all():
+            raise InputError(
+                f"the distribution is no longer finite after generation {self.generation}; use a "
+                "smaller learning rate"
+            )
         self.generation += 1
         self._candidates = None
 

@@ -142,5 +142,9 @@ def test_wrong_input_is_refused():
         optimiser.tell([1.0, 2.0, 3.0, float("nan")])
     with pytest.raises(InputError, match="4 finite returns"):
         optimiser.tell([1.0, 2.0])
+    with pytest.raises(InputError, match="no longer finite after generation 0"):
+        Reinforce(3, 4, settings=ReinforceSettings(sigma_start=1e200, ranks=False)).tell(
+            [1, 2, 3, 4]
+        )
     with pytest.raises(InputError, match="sigma"):
         optimiser.restore({**optimiser.state(), "sigma": np.ones(2)})

@@ -175,12 +175,12 @@ def alive(pid):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_candidate_that_cannot_be_simulated_is_named(workers, monkeypatch):
     parameters = candidates("biped", 3)
-    parameters[1, 5] = np.nan  # the policy refuses it in the worker
+    parameters[1, 5] = np.nan
     with (
         Simulator("biped", "reference", workers=workers) as simulator,
         pytest.raises(InputError, match="parameter 5 is not a finite"),
     ):
-        simulator.rollout(parameters, np.zeros((3, 1)))
+        simulator.rollout(parameters, np.zeros((3, 1), dtype=int))
     pieces = [(slice(0, 2), slice(0, 1)), (slice(2, 3), slice(0, 1))]
     monkeypatch.setattr("designrl.simulation._pieces", lambda *_: pieces)
     monkeypatch.setattr("designrl.simulation.run_episodes", fail_for_candidate_one)
@@ -223,7 +223,7 @@ def test_wrong_input_is_refused():
         for seeds in ([[0.5]], [["a"]], [[-1]], np.zeros((1, 0), dtype=int)):
             with pytest.raises(InputError, match="a whole number from 0"):
                 simulator.rollout(np.zeros((1, 2804)), seeds)
-        with pytest.raises(InputError, match="candidate 1 has parameters that are not finite"):
+        with pytest.raises(InputError, match="candidate 1: parameter 0 is not a finite"):
             simulator.rollout([[0.0] * 2804, [np.nan] * 2804], [[0], [0]])
     with pytest.raises(InputError, match="lidar"):
         Simulator("ant", lidar="v9")

@@ -147,8 +147,8 @@ class Simulator:
                 f"got {seeds.shape}"
             )
         if not np.isfinite(candidates).all():
-            index = int(np.argmin(np.isfinite(candidates).all(axis=1)))
-            raise InputError(f"candidate {index} has parameters that are not finite")
+            i, j = np.argwhere(~np.isfinite(candidates))[0]
+            raise InputError(f"candidate {i}: parameter {j} is not a finite number")
         if seeds.shape[1] < 1 or seeds.dtype.kind not in "iu" or seeds.min(initial=0) < 0:
             raise InputError("each candidate needs a seed at least, a whole number from 0")
         seeds = seeds.astype(np.int64)
