@@ -117,7 +117,7 @@ def difference(case: Case, reference, engine) -> str | None:
     total, steps, observations = reference
     for step in range(min(steps, engine[1]) + 1):
         a, b = observations[step], engine[2][step]
-        wrong = np.flatnonzero(a != b)
+        wrong = np.flatnonzero(a.view(np.uint32) != b.view(np.uint32))
         if wrong.size:
             i = int(wrong[0])
             return f"step {step}, observation {i}: {a[i]!r} in Box2D, {b[i]!r} in the engine"
