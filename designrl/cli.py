@@ -4,6 +4,7 @@ import argparse
 import dataclasses
 import json
 import os
+import shlex
 import signal
 import sys
 from pathlib import Path
@@ -52,18 +53,26 @@ def _train(args) -> None:
         given["rollouts"] = parse_rollouts(given["rollouts"])
     settings = TrainSettings(**given)
     out = Path(args.out or f"runs/{experiment.name}/seed{settings.seed}")
-    run = TrainingRun(settings, out, args.workers, args.backend, args.resume)
+    run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
     if run.finished:
         print(f"{out} has all its {settings.generations} generations; raise --generations for more")
         return
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a polite kill saves, too
+    if args.dry_run:
+        from designrl import plan
+
+        found = plan.plan(run)
+        print(plan.describe(run, found))
+        plan.check_disk(run, found)
+        return
+    for polite in (signal.SIGTERM, signal.SIGHUP):  # they save, too
+        signal.signal(polite, signal.default_int_handler)
     try:
         run.run()
     except KeyboardInterrupt:
         words = [word for word in sys.argv[1:] if word != "--resume"]
         print(
             f"\nstopped at generation {run.optimiser.generation}, saved in {out}; go on with:\n"
-            f"  designrl {' '.join(words)} --resume",
+            f"  designrl {shlex.join(words)} --resume",
             file=sys.stderr,
         )
         sys.exit(EXIT_INTERRUPTED)
@@ -128,11 +137,21 @@ def _replay(args) -> None:
 
 
 def _info(args) -> None:
-    if Path(args.file).suffix == ".mcap":
+    if _starts_as_mcap(args.file):
         from designrl.recording import describe
     else:
         from designrl.checkpoint import describe
     print("\n".join(map(_printable, describe(args.file).split("\n"))))
+
+
+def _starts_as_mcap(path: str) -> bool:
+    if not os.path.isfile(path):  # a pipe would be waited for
+        return path.endswith(".mcap")
+    try:
+        with open(path, "rb") as file:
+            return file.read(8) == b"\x89MCAP0\r\n"
+    except OSError:
+        return path.endswith(".mcap")
 
 
 def _printable(text: str) -> str:
@@ -176,11 +195,22 @@ def _parser() -> argparse.ArgumentParser:
             metavar="X",
             help=setting.metadata["help"] + default,
         )
-    workers(train)
+    where = train.add_mutually_exclusive_group()
+    workers(where)
+    where.add_argument(
+        "--ray",
+        metavar="local|ADDRESS",
+        help="simulate on a Ray cluster instead: on a new one here, or on that at the address",
+    )
     train.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
     train.add_argument("--out", help="the run's folder (default: runs/EXPERIMENT/seedSEED)")
     train.add_argument(
         "--resume", action="store_true", help="go on with the run that the folder holds, if any"
+    )
+    train.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="measure for some seconds what the run would take, say so, and start nothing",
     )
 
     def agent_file(sub) -> None:

@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import sys
 import threading
 import time
@@ -260,6 +261,16 @@ class _RayWorker:
             return "failed", f"raised {_words(error)}"
 
 
+def _check_reachable(address: str) -> None:
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=10).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"no Ray cluster at {address} ({_words(error)}); write HOST:PORT, or auto"
+        ) from None
+
+
 class RayWorkers(_Workers):
     """An actor for each core of a Ray cluster; a context manager.
 
@@ -282,6 +293,8 @@ class RayWorkers(_Workers):
                 'Ray is not installed; install it with: pip install "designrl[ray]"'
             ) from None
         self._ray = ray
+        if address not in ("local", "auto") and "://" not in address:
+            _check_reachable(address)  # Ray itself would try for minutes
         polite_kill = signal.getsignal(signal.SIGTERM)
         where = {"include_dashboard": False} if address == "local" else {"address": address}
         try:

@@ -114,6 +114,21 @@ def test_bad_input_is_one_sentence_and_exit_code_2(checkpoint, tmp_path, capsys)
     assert "absent.mcap" in refused(capsys, "info", tmp_path / "absent.mcap")
 
 
+def test_a_dry_run_starts_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("designrl.plan.CALIBRATION_SECONDS", 0.1)
+    words = ["train", "biped", "--population", "4", "--dry-run", "--out", str(tmp_path / "r")]
+    main([*words, "--workers", "1", "--generations", "50"])
+    out = capsys.readouterr().out
+    assert "population 4" in out and "steps/s with 1 worker" in out and "are free" in out
+    assert not (tmp_path / "r").exists()
+
+
+def test_without_ray_the_message_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    err = refused(capsys, "train", "biped", "--ray", "local", "--out", tmp_path / "r")
+    assert 'pip install "designrl[ray]"' in err
+
+
 def test_help_needs_no_heavy_import():
     code = (
         "import sys; from designrl.cli import main\n"

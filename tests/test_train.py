@@ -1,3 +1,4 @@
+import shutil
 import signal
 import subprocess
 import sys
@@ -6,7 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from designrl.checkpoint import file_hash, load, read_tensors
+from designrl import plan, simulation
+from designrl.checkpoint import file_hash, load, read_tensors, write_tensors
 from designrl.errors import InputError
 from designrl.recording import read
 from designrl.settings import TrainSettings, parse_rollouts
@@ -97,25 +99,6 @@ def test_an_interrupted_run_ends_with_the_same_bytes(
         )
 
 
-def test_a_killed_run_ends_with_the_same_bytes(undisturbed, tmp_path):
-    command = [
-        *(sys.executable, "-m", "designrl", "train", "biped-morphology", "--out", str(tmp_path)),
-        *("--generations", "5", "--population", "4", "--rollouts", "1,3:2"),
-        *("--evaluate-every", "2", "--evaluation-episodes", "3", "--backend", "reference"),
-        *("--workers", "1", "--resume"),
-    ]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
-    while not (tmp_path / "best.safetensors").exists() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
-    assert file_hash(tmp_path / "best.safetensors") == file_hash(undisturbed / "best.safetensors")
-    generations = read(tmp_path / "generations.mcap").array("/distribution", "generation")
-    assert generations.tolist() == [0, 1, 2, 3, 4]
-
-
 def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     command = [sys.executable, "-m", "designrl", "train", "biped", "--out", str(tmp_path)]
     command += ["--population", "4", "--rollouts", "1", "--backend", "reference"]
@@ -142,7 +125,7 @@ def test_a_pair_of_candidates_meets_the_same_episodes(tmp_path):
     assert (run._episode_seeds(4) != seeds).any()
 
 
-def test_training_uses_training_rewards_and_evaluation_does_not(tmp_path, monkeypatch):
+def test_only_training_forgives_falls_and_both_reward_smaller_legs(tmp_path, monkeypatch):
     rules = []
     original = Simulator.rollout
 
@@ -194,6 +177,23 @@ def test_a_folder_with_a_run_is_not_overwritten(undisturbed, tmp_path):
     assert file_hash(undisturbed / "state.safetensors") == before
 
 
+def test_a_folder_with_results_but_no_state_is_left_alone(undisturbed, tmp_path):
+    data = (undisturbed / "generations.mcap").read_bytes()
+    (tmp_path / "generations.mcap").write_bytes(data)
+    for resume in (False, True):
+        with pytest.raises(InputError, match=r"no state\.safetensors"):
+            train(tmp_path, resume=resume)
+    assert (tmp_path / "generations.mcap").read_bytes() == data
+
+
+def test_info_describes_a_state(undisturbed):
+    from designrl.checkpoint import describe
+
+    text = describe(undisturbed / "state.safetensors")
+    assert "biped-morphology" in text
+    assert "generations  5" in text
+
+
 def test_a_damaged_state_is_named_and_left_alone(tmp_path):
     train(tmp_path, generations=2)
     path = tmp_path / "state.safetensors"
@@ -235,6 +235,10 @@ def test_rollouts_are_a_number_or_a_schedule():
 
 
 def test_wrong_settings_are_refused():
+    for value in (0.0, -1.0, float("nan"), float("inf"), 1e300):
+        for name in ("sigma_start", "sigma_decay", "learning_rate"):
+            with pytest.raises(InputError, match=name.replace("_", "-")):
+                settings(**{name: value})
     for wrong in ({"generations": 0}, {"seed": -1}, {"preset": "x"}, {"keep": "x"}):
         with pytest.raises(InputError):
             settings(**wrong)
@@ -244,3 +248,94 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be used as the run's folder"):
         train(tmp_path / "file" / "run")
+
+
+def test_a_candidate_that_cannot_be_simulated_stops_the_run_and_is_kept(tmp_path, monkeypatch):
+    def break_down(*arguments):
+        if arguments[-1][0] == bad:
+            raise RuntimeError("the simulator is broken")
+        return original(*arguments)
+
+    original = simulation.run_episodes
+    bad = TrainingRun(settings(), tmp_path / "x")._episode_seeds(2)[1, 0]
+    monkeypatch.setattr(simulation, "run_episodes", break_down)
+    with pytest.raises(InputError, match="candidate 1 of generation 2") as caught:
+        train(tmp_path)
+    path = tmp_path / "failed-generation00002-candidate1.safetensors"
+    assert str(path) in str(caught.value) and "the simulator is broken" in str(caught.value)
+    agent = load(path)
+    assert agent.metadata["episode_seeds"] == [bad]
+    assert read(tmp_path / "generations.mcap").generations.tolist() == [0, 1]
+    monkeypatch.undo()
+    run = TrainingRun(settings(), tmp_path, backend="reference", resume=True)
+    assert run.optimiser.generation == 2
+    np.testing.assert_array_equal(run.candidates()[1], agent.parameters)
+    run.run()
+    assert run.finished
+
+
+def test_a_run_that_appears_in_the_meantime_is_not_overwritten(tmp_path):
+    late = TrainingRun(settings(), tmp_path, backend="reference")
+    train(tmp_path, generations=2)
+    before = file_hash(tmp_path / "state.safetensors")
+    with pytest.raises(InputError, match="holds another run"):
+        late.run()
+    assert file_hash(tmp_path / "state.safetensors") == before
+
+
+@pytest.mark.parametrize(
+    ("tensor", "value"), [("sigma", -1.0), ("adam_v", -1.0), ("generation", -1), ("mu", np.nan)]
+)
+def test_a_state_with_impossible_numbers_is_refused(tensor, value, tmp_path):
+    run = TrainingRun(settings(), tmp_path, backend="reference")
+    run._save_state()
+    tensors, metadata = read_tensors(tmp_path / "state.safetensors", STATE_FORMAT)
+    tensors[tensor] = np.full_like(tensors[tensor], value)
+    write_tensors(tmp_path / "state.safetensors", tensors, metadata, STATE_FORMAT)
+    with pytest.raises(InputError, match=r"state\.safetensors"):
+        TrainingRun(settings(), tmp_path, backend="reference", resume=True)
+
+
+def test_half_written_files_of_a_killed_run_are_removed(tmp_path):
+    train(tmp_path, generations=1)
+    for name in (".generations.mcap.new", ".new-state.safetensors-12", "rollouts/.a.mcap.new"):
+        (tmp_path / name).write_text("")
+    train(tmp_path, generations=2, resume=True)
+    assert not list(tmp_path.rglob(".*new*"))
+
+
+def test_a_few_kills_change_nothing(tmp_path):
+    from verify_resume import verify
+
+    done = verify(tmp_path, kills=3, seed=3, backends=("reference",))
+    assert done.total() == 3
+
+
+def test_a_plan_counts_what_a_run_does(tmp_path):
+    out = tmp_path / "run"
+    run = TrainingRun(settings(generations=7), out, backend="reference")
+    found = plan.plan(run)
+    assert not out.exists()
+    assert (found.generations, found.rollouts) == (7, 4)
+    assert found.training_episodes == 3 * 4 + 4 * 8
+    assert found.evaluation_episodes == 4 * 3
+    assert 10 < found.steps_at_start <= found.steps_at_most == 1600
+    run.run()
+    recorded = (out / "generations.mcap").stat().st_size
+    assert 0.5 * recorded < found.recording_bytes < 1.5 * recorded
+    rollouts = sum(path.stat().st_size for path in (out / "rollouts").iterdir())
+    assert rollouts < 1.5 * found.rollouts * found.rollout_bytes
+    assert plan.plan(run).episodes == 0
+    lines = plan.describe(run, found).splitlines()
+    assert "44 episodes in training and 12 in evaluations" in lines[2]
+
+
+def test_a_plan_that_does_not_fit_on_the_disk_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "CALIBRATION_SECONDS", 0.01)
+    usage = shutil.disk_usage(tmp_path)._replace(free=2 * 10**9)
+    monkeypatch.setattr(plan.shutil, "disk_usage", lambda _: usage)
+    run = TrainingRun(settings(), tmp_path, backend="reference")
+    plan.check_disk(run, plan.plan(run))
+    run = TrainingRun(settings(generations=10**6), tmp_path, backend="reference")
+    with pytest.raises(InputError, match=r"will take .* GB and 2 GB are free"):
+        plan.check_disk(run, plan.plan(run))

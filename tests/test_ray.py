@@ -1,0 +1,97 @@
+"""On a Ray cluster: the same bytes, also when a node is lost."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from designrl.checkpoint import file_hash
+from designrl.errors import InputError
+from designrl.experiments import get_experiment
+from designrl.recording import read
+from designrl.settings import TrainSettings
+from designrl.simulation import Simulator
+from designrl.train import TrainingRun
+from designrl.workers import RayWorkers, TaskError
+
+ray = pytest.importorskip("ray", reason='Ray is not installed (pip install "designrl[ray]")')
+
+SETTINGS = TrainSettings(
+    "biped-morphology",
+    generations=6,
+    population=6,
+    rollouts=((0, 2),),
+    evaluate_every=3,
+    evaluation_episodes=4,
+)
+
+
+@pytest.fixture
+def cluster():
+    """Two nodes on this machine with a core each; Ray takes its address from "auto"."""
+    from ray.cluster_utils import Cluster
+
+    found = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    found.add_node(num_cpus=1)
+    found.wait_for_nodes()
+    yield found
+    ray.shutdown()
+    found.shutdown()
+
+
+def test_a_node_is_lost_and_the_bytes_are_the_same(cluster, tmp_path, capsys, monkeypatch):
+    TrainingRun(SETTINGS, tmp_path / "here", backend="reference").run()
+    lost, rollout = [], Simulator.rollout
+
+    def lose_a_node(self, *arguments, **kwargs):
+        if self._pool and not lost:
+            lost.extend(sorted(cluster.worker_nodes, key=str)[:1])
+        elif lost and len(lost) == 1:  # in the second generation, while its episodes run
+            threading.Timer(0.1, cluster.remove_node, lost[:1], {"allow_graceful": False}).start()
+            lost.append("removed")
+        return rollout(self, *arguments, **kwargs)
+
+    monkeypatch.setattr(Simulator, "rollout", lose_a_node)
+    run = TrainingRun(SETTINGS, tmp_path / "ray", backend="reference", ray=cluster.address)
+    run.run()
+    for name in ("here", "ray"):
+        recording = read(tmp_path / name / "generations.mcap")
+        assert recording.generations.tolist() == list(range(6))
+    same = [file_hash(tmp_path / name / "best.safetensors") for name in ("here", "ray")]
+    assert same[0] == same[1]
+    assert len(lost) == 2
+    assert "a Ray worker was lost" in capsys.readouterr().err
+
+
+def test_the_engine_gives_the_same_bits_on_ray(cluster):
+    experiment = get_experiment("biped-hardcore-morphology")
+    candidates = 0.1 * np.random.default_rng(0).standard_normal((4, experiment.num_parameters))
+    seeds = np.arange(12).reshape(4, 3)
+    here = Simulator(experiment, "engine").rollout(candidates, seeds)
+    with Simulator(experiment, "engine", ray=cluster.address) as simulator:
+        there = simulator.rollout(candidates, seeds)
+    np.testing.assert_array_equal(there.returns, here.returns)
+    np.testing.assert_array_equal(there.steps, here.steps)
+
+
+def test_a_task_that_kills_every_actor_is_named(cluster, capsys):
+    def die(candidates):  # within this function, or Ray would look for this module elsewhere
+        import os
+
+        if candidates[0, 0] == 2:
+            os._exit(1)
+        return candidates[0, 0]
+
+    candidates = np.arange(4.0)[:, None]
+    with RayWorkers(cluster.address) as workers, pytest.raises(TaskError) as caught:
+        list(workers.run(die, candidates, [(slice(i, i + 1),) for i in range(4)]))
+    assert caught.value.index == 2
+    assert capsys.readouterr().err.count("is replaced") == 2
+
+
+def test_an_address_without_a_cluster_is_refused():
+    begin = time.monotonic()
+    with pytest.raises(InputError, match="no Ray cluster at"):
+        Simulator("biped", ray="127.0.0.1:1")
+    assert time.monotonic() - begin < 120
