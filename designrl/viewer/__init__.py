@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from designrl.checkpoint import write_atomically
 from designrl.errors import InputError
-from designrl.recording import read
+from designrl.recording import Recording, read
 from designrl.viewer.data import log_recording
 from designrl.viewer.layout import blueprint
 from designrl.viewer.picture import EXECUTABLE, take_picture
@@ -35,38 +36,53 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
         screenshot: PNG file to write instead of opening a viewer, through a viewer without window.
 
     Raises:
-        InputError: nothing to open, a file that cannot be read or written, no graphics driver.
+        InputError: nothing to open, a file that cannot be read or written or that exists already,
+            no graphics driver.
     """
+    paths = list(paths)
+    _check_targets([Path(path) for path in (save, screenshot) if path is not None], paths)
     recordings = [read(path) for path in find_recordings(paths)]
     names = unique_names([recording.path for recording in recordings])
     layout = blueprint(recordings, names)
     stream = rr.RecordingStream("designrl")
-    with tempfile.TemporaryDirectory() as folder:
-        if save is None and screenshot is None:
-            # Where the environment is not activated, Rerun would not find its own viewer.
-            os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
-            stream.spawn(default_blueprint=layout)
-        else:
-            target = Path(save) if save is not None else Path(folder) / "replay.rrd"
-            _write(target, b"")  # Rerun itself would say nothing
-            stream.save(target, default_blueprint=layout)
-        for recording, name in zip(recordings, names, strict=True):
-            log_recording(stream, recording, name)
-        stream.flush()
+    if save is None and screenshot is None:
+        # Where the environment is not activated, Rerun would not find its own viewer.
+        os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
+        stream.spawn(default_blueprint=layout)
+        _log(stream, recordings, names)
         stream.disconnect()
-        if screenshot is not None:
-            middle = recordings[0].seconds / 2 if recordings[0].kind == "rollout" else None
-            _write(Path(screenshot), take_picture(target, middle))
+        return
+    # Not straight to a file: Rerun would leave a torn one where the disk is full.
+    memory = stream.memory_recording()
+    stream.send_blueprint(layout, make_active=False, make_default=True)
+    _log(stream, recordings, names)
+    data = memory.drain_as_bytes()
+    stream.disconnect()
+    if save is not None:
+        write_atomically(save, data)
+    if screenshot is not None:
+        middle = recordings[0].seconds / 2 if recordings[0].kind == "rollout" else None
+        with tempfile.TemporaryDirectory() as folder:
+            shown = Path(folder) / "replay.rrd"
+            write_atomically(shown, data)
+            write_atomically(screenshot, take_picture(shown, middle))
 
 
-def _write(path: Path, data: bytes) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be written ({error.strerror}); choose another place"
-        ) from None
+def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[str]) -> None:
+    for recording, name in zip(recordings, names, strict=True):
+        log_recording(stream, recording, name)
+    stream.flush()
+
+
+def _check_targets(targets: list[Path], sources) -> None:
+    inputs = {Path(source).resolve() for source in sources}
+    for target in targets:
+        if target.resolve() in inputs:
+            raise InputError(f"{target} is what is to be replayed; choose another name to write")
+        if os.path.lexists(target):
+            raise InputError(f"{target} exists already; remove it or choose another name")
+    if len({target.resolve() for target in targets}) < len(targets):
+        raise InputError(f"{targets[0]} cannot be both; choose another name for the picture")
 
 
 def find_recordings(paths) -> list[Path]:
