@@ -120,8 +120,8 @@ def _log_design(stream, recording: Recording, name: str) -> None:
 def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
     """Body, ground, LIDAR and plots of a rollout, on the timeline `time`.
 
-    A rollout of a run is on the timeline `generation`, too, all of it at one place: beside a
-    learning curve, the body stands where its rollout ended.
+    A rollout of a run is on the timeline `generation`, too, all of it at its generation's index:
+    beside a learning curve, the body stands where its rollout ended.
     """
     world = f"{name}/world"
     stream.log(world, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -157,7 +157,9 @@ def _times(recording: Recording, topic: str) -> list[rr.TimeColumn]:
     times = [rr.TimeColumn(TIME, duration=seconds)]
     generation = json.loads(recording.metadata.get("agent", "{}")).get("generation")
     if isinstance(generation, int):
-        times.append(rr.TimeColumn(GENERATION, sequence=np.full(len(seconds), generation)))
+        # An agent says how many generations are done; a run's messages count from 0.
+        index = np.full(len(seconds), generation - 1)
+        times.append(rr.TimeColumn(GENERATION, sequence=index))
     return times
 
 
