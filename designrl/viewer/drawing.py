@@ -13,6 +13,7 @@ from designrl.viewer.layout import entity
 POSE = {"hip 1": -0.35, "knee 1": -0.2, "hip 2": 0.5, "knee 2": -0.5}
 SOLID = rr.components.FillMode.Solid
 GRID_COLOR = (90, 150, 78)
+EDGE_COLOR = (50, 96, 42)
 
 
 class Robot:
@@ -138,21 +139,24 @@ def log_terrain(stream: rr.RecordingStream, terrain, world: str) -> None:
     """The ground of a `Terrain` message as a strip with a front, and its obstacles as boxes."""
     x, z = np.array(terrain.x), np.array(terrain.z)
     n, side, foot = len(x), np.full(len(x), GROUND_HALF_WIDTH), np.full(len(x), z.min() - 4.0)
-    # Three rows of points: the far edge, the near edge, and below it the foot of the front.
-    rows = (x, side, z), (x, -side, z), (x, -side, foot)
+    # Four rows of points: the far and the near edge of the top, then head and foot of the front,
+    # which is darker: in one color, feet near the far edge would seem to sink into the ground.
+    rows = (x, side, z), (x, -side, z), (x, -side, z), (x, -side, foot)
     i = np.arange(n - 1)[:, None]
     triangles = [
         i + (row + corner)
-        for row in (0, n)
+        for row in (0, 2 * n)
         for corner in (np.array([0, n, 1]), np.array([1, n, n + 1]))
     ]
-    shades = np.repeat([1.0, 1.0, 0.7], n)[:, None]
+    shades = np.repeat([1.0, 1.0, 0.72, 0.5], n)[:, None]
     mesh = rr.Mesh3D(
         vertex_positions=np.concatenate([np.column_stack(row) for row in rows]),
         triangle_indices=np.concatenate(triangles),
         vertex_colors=np.uint8(np.array(GROUND_COLOR) * shades),
     )
     stream.log(f"{world}/ground", mesh, static=True)
+    edge = rr.LineStrips3D([np.column_stack(rows[1])], colors=EDGE_COLOR, radii=0.02)
+    stream.log(f"{world}/edge", edge, static=True)
     # A little larger than they are, so that their faces do not fight with the ground's.
     grow, side = 0.01, GROUND_HALF_WIDTH + 0.02
     obstacles = rr.Boxes3D(

@@ -17,7 +17,7 @@ SKY = (215, 215, 255)  # Gymnasium's
 # two bodies.
 ROLLOUT_EYES = {
     "walker": ((1.0, -7.6, 0.5), (1.0, 0, -0.8)),
-    "ant": ((-1.8, -3.2, 1.6), (0.1, 0, 0.1)),
+    "ant": ((-2.5, -4.5, 2.2), (0.1, 0, -0.1)),  # far enough for the longest legs, stretched
 }
 DESIGN_EYES = {
     "walker": ((-1.3, -6.5, -0.9), (-1.3, 0, -1.3)),

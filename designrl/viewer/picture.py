@@ -18,7 +18,9 @@ from designrl.viewer.layout import TIME
 EXECUTABLE = Path(rerun_cli.__file__).with_name("rerun")
 WINDOW_SIZE = "1600x1000"  # pixels
 START_SECONDS = 30.0  # that a viewer without window may take to start
-NOTICES_SECONDS = 6.0  # until the viewer's own notices are gone from a picture
+NOTICES_SECONDS = 6.0  # at least, until the viewer's own notices are gone from a picture
+STILL_SECONDS = 60.0  # at most, until two pictures in a row are the same
+NO_DRIVER_MESSAGE = r"No graphics adapter|render context"  # what the viewer says without a driver
 NO_DRIVER = (
     "no picture: Rerun's viewer found no Vulkan driver; on Debian and Ubuntu, a software one "
     "comes with: apt-get install mesa-vulkan-drivers"
@@ -44,14 +46,26 @@ def take_picture(rrd: Path, at: float | None = None) -> bytes:
             viewer = _connect(process, f"rerun+http://127.0.0.1:{port}/proxy")
             if at is not None:
                 viewer.set_time(TIME, duration=at, play_state="paused")
-            time.sleep(NOTICES_SECONDS)
-            return viewer.take_screenshot()
+            return _still_picture(viewer)
         except RuntimeError as error:
             log.seek(0)
-            no_driver = re.search(b"No graphics adapter|render context", log.read())
+            no_driver = re.search(NO_DRIVER_MESSAGE.encode(), log.read())
             raise InputError(NO_DRIVER if no_driver else f"no picture: {error}") from None
         finally:
             process.kill()
+
+
+def _still_picture(viewer: ViewerClient) -> bytes:
+    """The picture, once it has stopped changing."""
+    start, last = time.monotonic(), b""
+    while True:
+        # From the start on: the notices' time passes with the pictures that are drawn.
+        picture = viewer.take_screenshot()
+        passed = time.monotonic() - start
+        if (passed > NOTICES_SECONDS and picture == last) or passed > STILL_SECONDS:
+            return picture
+        last = picture
+        time.sleep(0.5)
 
 
 def _connect(process: subprocess.Popen, url: str) -> ViewerClient:
