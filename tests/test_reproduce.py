@@ -2,13 +2,14 @@
 
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, ZOO
 
 from designrl.checkpoint import save
 from designrl.design import WALKER
@@ -29,7 +30,9 @@ from reproduce import (
     table2,
     table3,
 )
+from reproduce.scores import ROOT
 
+ZOO = Path(os.environ.get("DESIGNRL_ZOO", ROOT / "../shared/zoo"))
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
 
 
