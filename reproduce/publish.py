@@ -3,8 +3,8 @@
     python -m reproduce.publish runs/biped-morphology/seed0
 
 logs/EXPERIMENT/seedK is a run's folder itself, with generations dropped (never rounded) and three
-of its rollouts, so `designrl train EXPERIMENT ... --out logs/EXPERIMENT/seedK --resume` goes on
-with the run. Publishing again replaces what was there.
+of its rollouts: copy it to runs/EXPERIMENT/seedK and `designrl train EXPERIMENT ... --resume` goes
+on with the run, on any machine. Publishing again replaces what was there.
 """
 
 import argparse
@@ -36,6 +36,8 @@ def main(argv: list[str] | None = None) -> None:
     experiment, seed = agent.experiment.name, agent.metadata["seed"]
     checkpoint = ROOT / "pretrained" / experiment / f"seed{seed}.safetensors"
     log = ROOT / "logs" / experiment / f"seed{seed}"
+    if run.resolve() == log.resolve():
+        sys.exit(f"publish: {run} is what is published; copy it to runs/ and go on there")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(run / "best.safetensors", checkpoint)
     host = publish_recordings(run, log, agent.metadata["generation"])
