@@ -6,6 +6,7 @@ entry, because safetensors writes several in random order and equal runs must gi
 Loading one runs no code.
 """
 
+import contextlib
 import dataclasses
 import hashlib
 import importlib.metadata
@@ -225,19 +226,7 @@ def _read_published(path: Path) -> tuple[np.ndarray, float]:
         raise InputError(f"{path} is not a 2018 weights file ([parameters, score])") from None
 
 
-def _format_of(path: Path) -> str | None:
-    """Which of our formats a file is of; None where that cannot be told."""
-    for name in (FORMAT, STATE_FORMAT):
-        try:
-            read_tensors(path, name)
-            return name
-        except InputError:
-            pass
-    return None
-
-
-def _describe_state(path: Path) -> str:
-    tensors, metadata = read_tensors(path, STATE_FORMAT)
+def _describe_state(path: Path, tensors: dict[str, np.ndarray], metadata: dict) -> str:
     progress = metadata.get("progress", {})
     lines = [
         f"{path}: state of a training run of {metadata.get('experiment')}; "
@@ -259,8 +248,8 @@ def describe(path: str | Path) -> str:
     if path.suffix == ".json":
         parameters, score = _read_published(path)
         return f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
-    if _format_of(path) == STATE_FORMAT:
-        return _describe_state(path)
+    with contextlib.suppress(InputError):  # if it is no state, `load` says what is wrong
+        return _describe_state(path, *read_tensors(path, STATE_FORMAT))
     agent = load(path)
     m = agent.metadata
     lines = [

@@ -85,11 +85,6 @@ def engine_missing_reason() -> str | None:
     return library if isinstance(library, str) else None
 
 
-def engine_available() -> bool:
-    """Whether the engine can run here."""
-    return engine_missing_reason() is None
-
-
 def engine_isa(name: str | None = None) -> str:
     """The instruction set in use: `name`, else $DESIGNRL_ENGINE_ISA, else the processor's best.
 
