@@ -132,6 +132,14 @@ class Agent:
         x = np.asarray(observation, dtype=np.float32)
         if self.network.time_scale is not None:
             x = np.append(x, np.float32(t / self.network.time_scale))
+        noise = None
+        if self._noise_std is not None:
+            noise = self._rng.standard_normal(self.network.sizes[-1]) * self._noise_std
+            noise = noise.astype(np.float32)
+        return self._forward(x, noise)
+
+    def _forward(self, x: np.ndarray, noise: np.ndarray | None) -> np.ndarray:
+        # (inputs,) and (A,) or None, float32 -> (A,) float32
         last = len(self.network.sizes) - 2
         for i in range(last + 1):
             # A reduction over the slow axis adds row after row: the order is fixed.
@@ -139,6 +147,6 @@ class Agent:
             x += self._layers[2 * i + 1]
             if i < last:
                 x = tanh32(x)
-        if self._noise_std is not None:
-            x += (self._rng.standard_normal(x.size) * self._noise_std).astype(np.float32)
+        if noise is not None:
+            x += noise
         return tanh32(x) if self.network.output == "tanh" else x

@@ -10,8 +10,15 @@ import pytest
 
 from designrl.design import WALKER, leg_area_reward_factor
 from designrl.errors import InputError
+from designrl.experiments import get_experiment
+from designrl.policy import Agent
 from designrl.simulation import EpisodeRules, Simulator, engine
-from designrl.simulation.engine import INSTRUCTION_SETS, WalkerEngine, engine_missing_reason
+from designrl.simulation.engine import (
+    INSTRUCTION_SETS,
+    CompiledAgent,
+    WalkerEngine,
+    engine_missing_reason,
+)
 from designrl.simulation.verify import (
     Case,
     compare,
@@ -21,6 +28,11 @@ from designrl.simulation.verify import (
 
 NETWORK_SIZE = 2804
 REASON = engine_missing_reason()
+NETWORKS = [
+    pytest.param(get_experiment(name), network, id=f"{name}-{network.sizes[1]}")
+    for name in ("biped", "ant")
+    for network in get_experiment(name).networks
+]
 needs_engine = pytest.mark.skipif(REASON is not None, reason=str(REASON))
 
 
@@ -109,6 +121,39 @@ def test_the_simulator_gives_the_same_result_with_either_backend():
             candidates = rng.standard_normal((3, simulator.experiment.num_parameters))
             seeds = rng.integers(1000, size=(3, 2))
             results.append(simulator.rollout(candidates, seeds, rules))
+    assert np.array_equal(results[0].returns, results[1].returns)
+    assert np.array_equal(results[0].steps, results[1].steps)
+
+
+@needs_engine
+@pytest.mark.parametrize("experiment, network", NETWORKS)
+def test_the_compiled_policy_has_the_bits_of_the_policy(experiment, network):
+    rng = np.random.default_rng(5)
+    body = experiment.design.size if experiment.design else 0
+    for std in (0.1, 10.0):  # the latter saturates
+        parameters = std * rng.standard_normal(network.num_parameters + body)
+        agents = [kind(experiment, parameters, network) for kind in (Agent, CompiledAgent)]
+        size = network.sizes[0] - (network.time_scale is not None)
+        for t, x in enumerate(rng.standard_normal((50, size))):
+            for agent in agents:
+                agent.reset(t)
+            expected, found = [agent.act(x, t) for agent in agents]
+            assert expected.tobytes() == found.tobytes()
+    with pytest.raises(InputError, match="inputs"):
+        agents[1].act(np.zeros(3))
+
+
+@needs_engine
+def test_ants_run_with_the_compiled_policy_unless_the_reference_is_asked_for(monkeypatch):
+    used, act = [], CompiledAgent._forward
+    monkeypatch.setattr(CompiledAgent, "_forward", lambda *a: used.append(1) or act(*a))
+    results = []
+    for backend in ("engine", "reference"):
+        with Simulator("ant-morphology", backend) as simulator:
+            candidates = np.zeros((1, simulator.experiment.num_parameters))
+            candidates[:] = 0.5 * np.random.default_rng(3).standard_normal(candidates.shape)
+            results.append(simulator.rollout(candidates, np.array([[7]])))
+        assert len(used) == results[0].steps.sum()  # and none by the reference
     assert np.array_equal(results[0].returns, results[1].returns)
     assert np.array_equal(results[0].steps, results[1].steps)
 

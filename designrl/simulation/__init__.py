@@ -65,7 +65,7 @@ class Simulator:
     Args:
         experiment: name or Experiment.
         backend: "engine" (walkers; falls back to the reference, with one sentence, where it cannot
-            run; the ant has no engine) or "reference".
+            run; the ant has no engine, only its policy is compiled) or "reference".
         network: where it differs from the experiment's (the published original ant).
         lidar: "v2", the paper's, or "v3"; walkers only.
         workers: processes (reference) or threads (engine), at least 1.
@@ -105,6 +105,7 @@ class Simulator:
             else:
                 print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
         self.backend = "engine" if self._engine else "reference"
+        self._compiled_policy = backend == "engine" and not self.experiment.is_walker
         self._pool = None
         if ray is not None:
             self._pool = RayWorkers(ray)
@@ -180,7 +181,12 @@ class Simulator:
             least = ENGINE_LANES
         else:
             function = partial(
-                _run_reference, self.experiment.name, self.network, rules, self.lidar
+                _run_reference,
+                self.experiment.name,
+                self.network,
+                rules,
+                self.lidar,
+                self._compiled_policy,
             )
             least = 1
         run = self._pool.run if self._pool else run_here
@@ -239,10 +245,10 @@ def _pieces(n: int, r: int, workers: int, least: int) -> list[tuple[slice, slice
     ]
 
 
-def _run_reference(experiment_name, network, rules, lidar, candidates, seeds):
+def _run_reference(experiment_name, network, rules, lidar, compiled_policy, candidates, seeds):
     """(n, r) returns and steps of some candidates in the Gymnasium environments."""
     results = [
-        run_episodes(experiment_name, network, rules, lidar, parameters, row)
+        run_episodes(experiment_name, network, rules, lidar, compiled_policy, parameters, row)
         for parameters, row in zip(candidates, seeds, strict=True)
     ]
     returns, steps = zip(*results, strict=True)
@@ -279,5 +285,5 @@ def _run_cached_engine(experiment_name, lidar, rules, candidates, seeds):
     engine = _cached_engine(experiment.hardcore, lidar)
     if engine is None:  # the reference gives the same bits
         network = experiment.network
-        return _run_reference(experiment_name, network, rules, lidar, candidates, seeds)
+        return _run_reference(experiment_name, network, rules, lidar, False, candidates, seeds)
     return _run_engine(engine, experiment_name, rules, candidates, seeds)

@@ -23,6 +23,7 @@ import designrl  # noqa: F401 (registers the environments, whose time limits hol
 from designrl.design import WALKER
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
+from designrl.policy import Agent
 
 ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # sse2, avx2 or avx512; by default the best there is
 INSTRUCTION_SETS = ("sse2", "avx2", "avx512")
@@ -74,6 +75,11 @@ def _library() -> ctypes.CDLL | str:
     library.designrl_engine_isa.restype = ctypes.c_char_p
     library.designrl_engine_isa.argtypes = [ctypes.c_char_p]
     library.designrl_engine_run.argtypes = [ctypes.POINTER(_Batch), ctypes.c_char_p, ctypes.c_int]
+    library.designrl_policy_act.restype = None
+    library.designrl_policy_act.argtypes = [
+        *(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_int32),
+        *(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p),
+    ]
     if library.designrl_engine_batch_bytes() != ctypes.sizeof(_Batch):
         return "the compiled walker engine is of another version (install designrl again)"
     return library
@@ -102,6 +108,50 @@ def engine_isa(name: str | None = None) -> str:
             f"{', '.join(i for i in INSTRUCTION_SETS if library.designrl_engine_isa(i.encode()))}"
         )
     return isa.decode()
+
+
+class CompiledAgent(Agent):
+    """An Agent whose actions are computed by the compiled library, with the same bits.
+
+    For episodes outside the engine, the ant's: beside 0.1 ms of physics, NumPy's twenty small
+    operations per action cost a third as much again.
+
+    Raises:
+        InputError: as Agent; the library cannot run here; a layer wider than it can take.
+    """
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        library = _library()
+        if isinstance(library, str):
+            raise InputError(library)
+        sizes = self.network.sizes
+        if max(sizes) > library.designrl_policy_widest():
+            raise InputError(
+                f"the compiled policy takes layers of {library.designrl_policy_widest()} values at "
+                f"most, not {max(sizes)}"
+            )
+        self._act = library.designrl_policy_act
+        weights = self.parameters[: self.network.num_parameters].astype(np.float32)
+        self._held = weights, np.array(sizes, dtype=np.int32)  # what the pointers point to
+        self._fixed = (
+            *(array.ctypes.data for array in self._held),
+            len(sizes) - 1,
+            self.network.output == "tanh",
+        )
+
+    def _forward(self, x, noise):
+        if x.shape != (self.network.sizes[0],):  # NumPy would say so
+            raise InputError(f"the policy takes {self.network.sizes[0]} inputs, got {x.shape}")
+        x = np.ascontiguousarray(x)
+        action = np.empty(self.network.sizes[-1], dtype=np.float32)
+        self._act(
+            *self._fixed,
+            x.ctypes.data,
+            None if noise is None else noise.ctypes.data,
+            action.ctypes.data,
+        )
+        return action
 
 
 class WalkerEngine:

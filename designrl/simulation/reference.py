@@ -1,7 +1,7 @@
 """The reference: episodes in the Gymnasium environments themselves."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import gymnasium
 import numpy as np
@@ -35,6 +35,13 @@ def _environment(env_id: str, **kwargs) -> gymnasium.Env:
     return gymnasium.make(env_id, disable_env_checker=True, **kwargs)
 
 
+@cache
+def _compiled_agent_class() -> type[Agent]:
+    from designrl.simulation.engine import CompiledAgent, engine_missing_reason
+
+    return Agent if engine_missing_reason() else CompiledAgent
+
+
 def run_episode(
     env: gymnasium.Env, agent: Agent, seed: int, training: bool = False
 ) -> tuple[float, int]:
@@ -63,12 +70,17 @@ def run_episodes(
     network: Network,
     rules: EpisodeRules,
     lidar: str,
+    compiled_policy: bool,
     parameters: np.ndarray,
     seeds: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(R,) returns and (R,) steps of one candidate with R seeds."""
+    """(R,) returns and (R,) steps of one candidate with R seeds.
+
+    `compiled_policy` asks for the compiled policy, which gives the same bits, where there is one.
+    """
     experiment = get_experiment(experiment_name)
-    agent = Agent(experiment, parameters, network)
+    agent_class = _compiled_agent_class() if compiled_policy else Agent
+    agent = agent_class(experiment, parameters, network)
     kwargs = {}
     if experiment.is_walker:
         kwargs = {"lidar": lidar, "leg_area_reward": rules.leg_area_reward}

@@ -20,6 +20,7 @@ import designrl  # noqa: F401
 from designrl.envs.ant import Ant
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
+from designrl.simulation.engine import CompiledAgent
 from designrl.simulation.reference import run_episode
 
 STEPS = 1000
@@ -96,8 +97,9 @@ def test_ant(benchmark, episode):
 
 
 @pytest.mark.benchmark(group="ant environment")
-def test_ant_with_policy(benchmark, episode):
-    class StandingAgent(Agent):
+@pytest.mark.parametrize("kind", [Agent, CompiledAgent])
+def test_ant_with_policy(benchmark, episode, kind):
+    class StandingAgent(kind):
         """Pays for a policy, and acts as in the recorded episode."""
 
         def act(self, observation, t=0):

@@ -1,7 +1,4 @@
-"""Steps per second of the walkers, as ratios to Gymnasium's plain BipedalWalker-v3.
-
-    make bench
-"""
+"""Steps per second of the walkers, as ratios to Gymnasium's plain BipedalWalker-v3."""
 
 import gymnasium
 import numpy as np

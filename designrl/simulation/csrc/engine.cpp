@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "batch.h"
+#include "policy.h"
 
 #define DECLARE_ENGINE(name)                     \
   namespace name {                               \
@@ -64,6 +65,14 @@ int64_t designrl_engine_batch_bytes() { return sizeof(Batch); }
 const char* designrl_engine_isa(const char* name) {
   const Variant* variant = find(name);
   return variant ? variant->name : nullptr;
+}
+
+// One action of a policy of any sizes up to designrl_policy_widest(), for episodes in PyBullet.
+int32_t designrl_policy_widest() { return ENGINE::kWidest; }
+void designrl_policy_act(const float* weights, const int32_t* sizes, int32_t layers,
+                         int32_t output_tanh, const float* input, const float* noise,
+                         float* action) {
+  ENGINE::act(weights, sizes, layers, output_tanh, input, noise, action);
 }
 
 // Runs all episodes of a batch. Returns 0, or 1 if the instruction set is not supported, or 2 if

@@ -1,5 +1,5 @@
-// The policy network, 24-40-40-4 with tanh (designrl/policy.py, Agent.act): float32, sums over the
-// inputs in order.
+// The policy networks (designrl/policy.py, Agent.act): float32, sums over the inputs in order. The
+// walkers' 24-40-40-4 with tanh has its sizes compiled in; one function takes any sizes.
 #pragma once
 
 #include "math2d.h"
@@ -44,6 +44,32 @@ inline void act(const float* weights, const float* observation, float* action) {
   weights = layer<kObservations, kHidden>(weights, observation, hidden1);
   weights = layer<kHidden, kHidden>(weights, hidden1, hidden2);
   layer<kHidden, kActions>(weights, hidden2, action);
+}
+
+constexpr int kWidest = 256;  // values in a layer
+
+// sizes: of the inputs, of each layer's outputs. noise: added to the last layer's sums, or null.
+// output_tanh: whether the last layer has tanh too. The caller sees to it that no size is above
+// kWidest.
+inline void act(const float* weights, const int32_t* sizes, int layers, bool output_tanh,
+                const float* input, const float* noise, float* action) {
+  float values[2][kWidest];
+  for (int layer = 0; layer < layers; ++layer) {
+    const int ins = sizes[layer], outs = sizes[layer + 1];
+    const bool last = layer == layers - 1;
+    const float* in = layer ? values[layer % 2] : input;
+    float* __restrict out = last ? action : values[(layer + 1) % 2];
+    for (int o = 0; o < outs; ++o) out[o] = in[0] * weights[o];
+    for (int i = 1; i < ins; ++i)
+      for (int o = 0; o < outs; ++o) out[o] += in[i] * weights[i * outs + o];
+    weights += ins * outs;
+    for (int o = 0; o < outs; ++o) out[o] += weights[o];
+    weights += outs;
+    if (last && noise)
+      for (int o = 0; o < outs; ++o) out[o] += noise[o];
+    if (!last || output_tanh)
+      for (int o = 0; o < outs; ++o) out[o] = tanh32(out[o]);
+  }
 }
 
 }  // namespace ENGINE
