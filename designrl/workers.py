@@ -7,6 +7,7 @@ replaced and its task done again elsewhere; a task that fails three times is at 
 """
 
 import contextlib
+import math
 import multiprocessing
 import os
 import pickle
@@ -27,6 +28,7 @@ from designrl.errors import InputError
 MAX_FAILURES = 3  # of one task, before it is blamed and not its workers
 START_SECONDS = 120.0  # for a worker to start, on a busy machine
 TASK_SECONDS = 60.0  # a task that takes longer hangs, unless the caller knows better
+PATIENCE_SECONDS = 30.0  # without a core on the cluster, before it is mentioned
 GOODBYE_SECONDS = 2.0  # for a worker to end by itself
 
 
@@ -309,6 +311,7 @@ class RayWorkers(_Workers):
         self._idle: list[object] = []
         self._busy: dict[object, object] = {}  # answer awaited -> actor
         self._failed_starts = 0
+        self._without_core: float | None = None  # since when nothing runs; infinite: and said so
         self._candidates = None
 
     @property
@@ -341,6 +344,7 @@ class RayWorkers(_Workers):
         ready, _ = self._ray.wait(awaited, num_returns=len(awaited), timeout=0)
         if not ready:
             ready, _ = self._ray.wait(awaited, timeout=seconds)
+        self._mention_waiting(bool(ready or self._busy))
         for answer in ready:
             if answer in self._starting:
                 self._started(answer)
@@ -355,6 +359,17 @@ class RayWorkers(_Workers):
             if outcome == "done":
                 self._idle.append(self._busy.pop(answer))
             yield worker, outcome, value
+
+    def _mention_waiting(self, works: bool) -> None:
+        if works or self._without_core is None:
+            self._without_core = None if works else time.monotonic()
+        elif time.monotonic() - self._without_core > PATIENCE_SECONDS:
+            self._without_core = math.inf
+            print(
+                f"designrl: the Ray cluster has no free core (it has {self.count}); the run waits "
+                "for one, `ray status` shows who holds them",
+                file=sys.stderr,
+            )
 
     def _started(self, answer) -> None:
         actor = self._starting.pop(answer)

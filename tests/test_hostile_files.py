@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import zstandard
+from mcap.writer import Writer
 
 from designrl import checkpoint
 from designrl.cli import main
@@ -68,6 +69,27 @@ def test_a_bomb_does_not_go_off(record, count, chunks, problem, tmp_path):
     assert problem in read(path).problem
     assert problem in describe(path)
     assert time.process_time() - begin < 20
+
+
+@pytest.mark.parametrize("names", ["{", '"ab"', "[1]", "[" * 100_000])
+def test_damaged_names_are_refused(names, tmp_path):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/x", "json", 0, {"names": names})
+        writer.add_message(channel, 0, b"{}", 0)
+        writer.finish()
+    with pytest.raises(InputError, match=f"names on /x in {path} are damaged"):
+        read(path).names("/x")
+
+
+def test_a_length_beyond_all_files_is_refused(tmp_path):
+    path = tmp_path / "a.mcap"
+    fields = struct.pack("<QQQI", 0, 0, 0, 0) + struct.pack("<I", 0) + struct.pack("<Q", 2**64 - 1)
+    chunk = struct.pack("<BQ", 6, len(fields)) + fields
+    path.write_bytes(b"\x89MCAP0\r\n" + chunk)
+    assert "damaged" in read(path).problem
 
 
 def test_a_strangers_text_does_not_command_the_terminal(tmp_path, capsys):

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+import designrl.workers
 from designrl.checkpoint import file_hash
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
@@ -73,6 +74,25 @@ def test_the_engine_gives_the_same_bits_on_ray(cluster):
         there = simulator.rollout(candidates, seeds)
     np.testing.assert_array_equal(there.returns, here.returns)
     np.testing.assert_array_equal(there.steps, here.steps)
+
+
+def test_waiting_for_a_core_is_mentioned_once(cluster, capsys, monkeypatch):
+    monkeypatch.setattr(designrl.workers, "PATIENCE_SECONDS", 1.0)
+    candidates = np.arange(2.0)[:, None]
+    tasks = [(slice(i, i + 1),) for i in range(2)]
+    with RayWorkers(cluster.address) as workers:
+
+        @ray.remote(num_cpus=1)
+        class Hog:
+            def ready(self):
+                return True
+
+        hogs = [Hog.remote() for _ in range(2)]  # one for each node
+        ray.get([hog.ready.remote() for hog in hogs])
+        threading.Timer(8.0, ray.kill, hogs[:1]).start()
+        results = dict(workers.run(lambda rows: rows[0, 0], candidates, tasks))
+    assert results == {0: 0.0, 1: 1.0}
+    assert capsys.readouterr().err.count("no free core") == 1
 
 
 def test_a_task_that_kills_every_actor_is_named(cluster, capsys):

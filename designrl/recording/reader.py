@@ -96,8 +96,20 @@ class Recording:
         return (last - first) / 1e9
 
     def names(self, topic: str) -> list[str]:
-        """Names of the elements of the topic's arrays; empty where they have none."""
-        return json.loads(self._channel(topic).metadata.get("names", "[]"))
+        """Names of the elements of the topic's arrays; empty where they have none.
+
+        Raises:
+            RecordingError: no such topic, or its names are damaged.
+        """
+        try:
+            names = json.loads(self._channel(topic).metadata.get("names", "[]"))
+        except (ValueError, RecursionError):
+            names = None
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise RecordingError(
+                f"the names on {topic} in {self.path} are damaged; get the file again"
+            )
+        return names
 
     def unit(self, topic: str) -> str:
         """Unit of the topic's dimensions, where it depends on the body."""

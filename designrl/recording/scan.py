@@ -68,7 +68,14 @@ class _DamageError(Exception):
 
 
 # What parsing a damaged record can raise.
-_PARSE_ERRORS = (_DamageError, struct.error, McapError, UnicodeDecodeError, RuntimeError)
+_PARSE_ERRORS = (
+    _DamageError,
+    struct.error,
+    McapError,
+    UnicodeDecodeError,
+    RuntimeError,
+    OverflowError,  # a length of 2⁶³ or more
+)
 
 
 def _parse(kind, body: bytes):

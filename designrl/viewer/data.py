@@ -28,6 +28,17 @@ PALETTE = np.array(
     ],
     dtype=np.uint8,
 )
+# What a recording raises here that is sound as a file but not what this package writes.
+_UNFIT = (
+    AttributeError,
+    IndexError,
+    KeyError,
+    OverflowError,
+    RecursionError,
+    StopIteration,
+    TypeError,
+    ValueError,
+)
 
 
 def log_recording(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
@@ -39,7 +50,7 @@ def log_recording(stream: rr.RecordingStream, recording: Recording, name: str) -
     log = log_run if recording.kind == "run" else log_rollout
     try:
         log(stream, recording, entity(name))
-    except (AttributeError, IndexError, KeyError, StopIteration, ValueError) as error:
+    except _UNFIT as error:
         if isinstance(error, RecordingError):
             raise
         raise RecordingError(
