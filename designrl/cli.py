@@ -11,7 +11,7 @@ from pathlib import Path
 
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
-from designrl.settings import TrainSettings, parse_rollouts
+from designrl.settings import SCHEDULES, TrainSettings, parse_schedule
 
 EXIT_INPUT = 2
 EXIT_INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
@@ -49,8 +49,9 @@ def _train(args) -> None:
     experiment = get_experiment(args.experiment)
     names = [f.name for f in dataclasses.fields(TrainSettings)]
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    if "rollouts" in given:
-        given["rollouts"] = parse_rollouts(given["rollouts"])
+    for name in SCHEDULES:
+        if name in given:
+            given[name] = parse_schedule(name, given[name])
     settings = TrainSettings(**given)
     out = Path(args.out or f"runs/{experiment.name}/seed{settings.seed}")
     run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
@@ -187,7 +188,7 @@ def _parser() -> argparse.ArgumentParser:
     for setting in dataclasses.fields(TrainSettings):
         if setting.name == "experiment":
             continue
-        kind = str if setting.name == "rollouts" else setting.metadata.get("type", int)
+        kind = str if setting.name in SCHEDULES else setting.metadata.get("type", int)
         default = "" if setting.default is None else f" (default: {_shown(setting.default)})"
         train.add_argument(
             "--" + setting.name.replace("_", "-"),

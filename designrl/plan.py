@@ -13,6 +13,7 @@ import designrl  # noqa: F401 (registers the environments)
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import RunWriter, read, record_rollout
+from designrl.settings import SCHEDULES, format_schedule
 from designrl.train import TrainingRun
 
 CALIBRATION_SECONDS = 3.0  # of simulation, after the workers have started
@@ -65,11 +66,11 @@ def plan(run: TrainingRun) -> Plan:
     """Measure for some seconds what a run would take; leaves its folder as it is."""
     settings, first = run.settings, run.optimiser.generation
     training = evaluation = evaluations = 0
-    ends = [start for start, _ in settings.rollouts[1:]] + [settings.generations]
-    for (start, rollouts), end in zip(settings.rollouts, ends, strict=True):
+    starts = sorted({start for start, _ in (*settings.population, *settings.rollouts)})
+    for start, end in zip(starts, [*starts[1:], settings.generations], strict=True):
         start, end = max(start, first), min(end, settings.generations)
         if start < end:
-            count = settings.population * rollouts
+            count = settings.population_at(start) * settings.rollouts_at(start)
             times = end // settings.evaluate_every - start // settings.evaluate_every
             times += end == settings.generations and end % settings.evaluate_every != 0
             training += (end - start) * count
@@ -78,7 +79,7 @@ def plan(run: TrainingRun) -> Plan:
     candidates = run.candidates()
     backend, speed, length = _simulation_speed(run, candidates)
     spec = gymnasium.spec(run.experiment.env_id)
-    episodes = settings.population * settings.rollouts_at(first)
+    episodes = settings.population_at(first) * settings.rollouts_at(first)
     with tempfile.TemporaryDirectory(prefix="designrl-") as folder:
         # Of a generation with as many episodes as the first; others take in proportion.
         fixed, each = _recording_bytes(run, Path(folder))
@@ -116,7 +117,8 @@ def _simulation_speed(run: TrainingRun, candidates: np.ndarray) -> tuple[str, fl
 def _recording_bytes(run: TrainingRun, folder: Path) -> tuple[float, float]:
     """Bytes that a generation takes for its distribution, and for its episodes."""
     rng = np.random.default_rng(0)
-    n, r = run.settings.population, run.settings.rollouts_at(run.optimiser.generation)
+    first = run.optimiser.generation
+    n, r = run.settings.population_at(first), run.settings.rollouts_at(first)
     size = run.experiment.num_parameters
 
     def measure(rollouts: int) -> float:
@@ -150,9 +152,7 @@ def _rollout_bytes(run: TrainingRun, parameters: np.ndarray, longest: int, folde
 def describe(run: TrainingRun, found: Plan) -> str:
     """A plan in lines of text."""
     settings = {k: v for k, v in run.settings.as_dict().items() if v is not None}
-    settings["rollouts"] = ",".join(
-        str(count) if start == 0 else f"{start}:{count}" for start, count in run.settings.rollouts
-    )
+    settings |= {name: format_schedule(settings[name]) for name in SCHEDULES}
     workers = "1 worker" if run.workers == 1 else f"{run.workers} workers"
     where = f"on Ray ({run.ray})" if run.ray else f"with {workers}"
     low, high = found.steps

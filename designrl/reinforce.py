@@ -71,13 +71,14 @@ class Reinforce:
 
     Args:
         num_parameters: P.
-        population: N, candidates per generation; even and at least 2 where pairs are mirrored.
+        population: N, candidates per generation; at least 2, and even where pairs are mirrored.
         settings: PUBLISHED, PAPER or settings of one's own.
         seed: every generation's samples are a function of the seed and the generation.
 
     Attributes:
         mu, sigma: (P,) float64 tensors.
         generation: updates so far.
+        population: N; may be set to another number after any update.
 
     Raises:
         InputError: a population that the settings cannot use.
@@ -90,19 +91,29 @@ class Reinforce:
         settings: ReinforceSettings = PUBLISHED,
         seed: int = 0,
     ):
-        if population < 2 or (settings.mirrored and population % 2):
-            raise InputError(
-                f"the population is {population}; it must be at least 2"
-                + (" and even, for mirrored pairs" if settings.mirrored else "")
-            )
-        self.population = population
         self.settings = settings
         self.seed = seed
         self.generation = 0
+        self._candidates: torch.Tensor | None = None
+        self.population = population
         self.mu = torch.zeros(num_parameters, dtype=torch.float64)
         self.sigma = torch.full_like(self.mu, settings.sigma_start)
         self._adam_on(self.mu)
-        self._candidates: torch.Tensor | None = None
+
+    @property
+    def population(self) -> int:
+        return self._population
+
+    @population.setter
+    def population(self, population: int) -> None:
+        if population < 2 or (self.settings.mirrored and population % 2):
+            raise InputError(
+                f"the population is {population}; it must be at least 2"
+                + (" and even, for mirrored pairs" if self.settings.mirrored else "")
+            )
+        if self._candidates is not None and population != self._population:
+            raise InputError("the population cannot change between ask() and tell()")
+        self._population = population
 
     def _adam_on(self, mu: torch.Tensor) -> None:
         mu.requires_grad_(False)

@@ -47,9 +47,18 @@ PAPER = ReinforceSettings(
 PRESETS = {"published": PUBLISHED, "paper": PAPER}
 
 
+Schedule = tuple[tuple[int, int], ...]
+"""A number for each generation: ((0, 1), (600, 4)) is 1 from generation 0 on and 4 from 600 on."""
+
+SCHEDULES = ("population", "rollouts")  # the settings that are schedules
+
+
 @dataclass(frozen=True)
 class TrainSettings:
-    """All that decides a run's result; the defaults are the paper's (section 4)."""
+    """All that decides a run's result; the defaults are the paper's (section 4).
+
+    `population` and `rollouts` are schedules; a plain number is taken for all generations.
+    """
 
     experiment: str
     seed: int = field(default=0, metadata={"help": "of everything random"})
@@ -60,12 +69,16 @@ class TrainSettings:
             "paper's)"
         },
     )
-    population: int = field(default=192, metadata={"help": "candidates per generation"})
-    rollouts: tuple[tuple[int, int], ...] = field(
-        default=((0, 16),),
+    population: Schedule = field(
+        default=((0, 192),),
         metadata={
-            "help": "episodes per candidate; or, to raise it on the way, FIRST,GENERATION:NEXT,..."
+            "help": "candidates per generation; or, to change it on the way, "
+            "FIRST,GENERATION:NEXT,... as in 16,600:64"
         },
+    )
+    rollouts: Schedule = field(
+        default=((0, 16),),
+        metadata={"help": "episodes per candidate; or a schedule, likewise"},
     )
     preset: str = field(
         default="published",
@@ -106,11 +119,15 @@ class TrainSettings:
             raise InputError(f"preset is {self.preset!r}; it must be one of {', '.join(PRESETS)}")
         if self.keep not in ("best", "mean"):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
-        starts = [start for start, _ in self.rollouts]
-        if not starts or starts[0] != 0 or starts != sorted(set(starts)):
-            raise InputError("the rollouts' schedule must start at generation 0 and go up")
+        for name in SCHEDULES:
+            schedule = as_schedule(getattr(self, name))
+            object.__setattr__(self, name, schedule)
+            starts = [start for start, _ in schedule]
+            if not starts or starts[0] != 0 or starts != sorted(set(starts)):
+                raise InputError(f"the schedule of {name} must start at generation 0 and go up")
         for name, value in (
             ("generations", self.generations),
+            ("population", min(count for _, count in self.population)),
             ("rollouts", min(count for _, count in self.rollouts)),
             ("evaluate-every", self.evaluate_every),
             ("evaluation-episodes", self.evaluation_episodes),
@@ -133,20 +150,48 @@ class TrainSettings:
         changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return dataclasses.replace(PRESETS[self.preset], **changes)
 
+    def population_at(self, generation: int) -> int:
+        """Candidates in a generation, counted from 0."""
+        return _at(self.population, generation)
+
     def rollouts_at(self, generation: int) -> int:
         """Episodes per candidate in a generation, counted from 0."""
-        return [count for start, count in self.rollouts if start <= generation][-1]
+        return _at(self.rollouts, generation)
 
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
-def parse_rollouts(text: str) -> tuple[tuple[int, int], ...]:
+def as_schedule(value) -> Schedule:
+    """A plain number, or pairs as JSON gives them, as a schedule."""
+    if isinstance(value, int):
+        return ((0, value),)
+    return tuple((int(start), int(count)) for start, count in value)
+
+
+def _at(schedule: Schedule, generation: int) -> int:
+    return [count for start, count in schedule if start <= generation][-1]
+
+
+def same_until(one: Schedule, other: Schedule, generation: int) -> bool:
+    """Whether two schedules agree in all generations before this one."""
+    changes = {start for start, _ in (*one, *other) if start < generation}
+    return all(_at(one, start) == _at(other, start) for start in changes)
+
+
+def format_schedule(schedule) -> str:
+    """((0, 1), (600, 4)) -> "1,600:4", as the command line takes it."""
+    return ",".join(
+        str(count) if start == 0 else f"{start}:{count}" for start, count in as_schedule(schedule)
+    )
+
+
+def parse_schedule(name: str, text: str) -> Schedule:
     """ "16" -> ((0, 16),); "1,600:4" -> ((0, 1), (600, 4)).
 
     Raises:
-        InputError: not of that form.
+        InputError: not of that form; it names the setting.
     """
     try:
         first, *later = text.split(",")
@@ -154,5 +199,5 @@ def parse_rollouts(text: str) -> tuple[tuple[int, int], ...]:
         return ((0, int(first)), *((start, count) for start, count in pairs))
     except ValueError:
         raise InputError(
-            f"rollouts is {text!r}; write a number, or FIRST,GENERATION:NEXT as in 1,600:4"
+            f"{name} is {text!r}; write a number, or FIRST,GENERATION:NEXT as in 1,600:4"
         ) from None

@@ -29,7 +29,7 @@ from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
-from designrl.settings import TrainSettings
+from designrl.settings import SCHEDULES, TrainSettings, as_schedule, format_schedule, same_until
 from designrl.simulation import CandidateError, EpisodeRules, Simulator
 
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
@@ -89,10 +89,12 @@ class TrainingRun:
         self._resume = resume
         self.optimiser = Reinforce(
             self.experiment.num_parameters,
-            settings.population,
+            settings.population_at(0),
             settings.reinforce,
             settings.seed,
         )
+        for _, population in settings.population:
+            self.optimiser.population = population  # refuses now what it would refuse later
         self.progress = _Progress()
         self._state_path = self.out / "state.safetensors"
         self._open()
@@ -119,6 +121,7 @@ class TrainingRun:
 
     def candidates(self) -> np.ndarray:
         """(N, P) candidates of the next generation."""
+        self.optimiser.population = self.settings.population_at(self.optimiser.generation)
         return self.optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
 
     def simulator(self) -> Simulator:
@@ -232,7 +235,7 @@ class TrainingRun:
         settings, progress = self.settings, self.progress
         generation = self.optimiser.generation
         episodes = settings.evaluation_episodes or (
-            settings.population * settings.rollouts_at(generation - 1)
+            settings.population_at(generation - 1) * settings.rollouts_at(generation - 1)
         )
         sequence = np.random.SeedSequence(settings.seed, spawn_key=_EVALUATION_KEY)
         seeds = sequence.generate_state(episodes).astype(np.int64)[None]
@@ -290,7 +293,7 @@ class TrainingRun:
 
     def _episode_seeds(self, generation: int) -> np.ndarray:
         """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
-        n, r = self.settings.population, self.settings.rollouts_at(generation)
+        n, r = self.settings.population_at(generation), self.settings.rollouts_at(generation)
         mirrored = self.settings.reinforce.mirrored
         rows = n // 2 if mirrored else n
         sequence = np.random.SeedSequence(
@@ -337,9 +340,8 @@ class TrainingRun:
         given = []
         for setting in dataclasses.fields(self.settings):
             value = getattr(self.settings, setting.name)
-            if setting.name == "rollouts":
-                first, *later = value
-                value = ",".join([str(first[1]), *(f"{start}:{r}" for start, r in later)])
+            if setting.name in SCHEDULES:
+                value = format_schedule(value)
             if setting.name != "experiment" and value is not None:
                 given.append(f"--{setting.name.replace('_', '-')} {value}")
         return " ".join(["designrl train", self.experiment.name, *given])
@@ -354,30 +356,38 @@ class TrainingRun:
         try:
             observing = {name: self.settings.as_dict()[name] for name in OBSERVING_SETTINGS}
             found = {**metadata["settings"], **observing}
+            schedules = {name: as_schedule(found[name]) for name in SCHEDULES}
             progress = _Progress(**metadata["progress"])
             if not all(v is None or math.isfinite(v) for v in vars(progress).values()):
                 raise damaged
         except (KeyError, TypeError, ValueError, OverflowError):
             raise damaged from None
         wanted = self.settings.as_dict()
-        different = [name for name in wanted if wanted[name] != found.get(name)]
-        if different:
-            name = different[0]
-            raise InputError(
-                f"{self.out} holds a run with {name} = {found.get(name)!r}, not {wanted[name]!r}; "
-                "resume with the same settings, or choose another folder with --out"
-            )
+        for name in wanted:
+            if name not in SCHEDULES and wanted[name] != found.get(name):
+                raise self._other_setting(name, repr(found.get(name)), repr(wanted[name]))
         try:
             self.optimiser.restore(tensors)
         except InputError as error:
             raise InputError(f"{self._state_path} cannot be used: {error}") from None
-        if (
-            self.optimiser.generation < 0
-            or tensors["sigma"].min() <= 0
-            or tensors["adam_v"].min() < 0
-        ):
+        generation = self.optimiser.generation
+        for name, schedule in schedules.items():
+            # What is still to come may be decided anew, with an eye on the learning curve.
+            ours = getattr(self.settings, name)
+            if not same_until(schedule, ours, generation):
+                past = f" up to generation {generation}"
+                raise self._other_setting(
+                    name, format_schedule(schedule), format_schedule(ours), past
+                )
+        if generation < 0 or tensors["sigma"].min() <= 0 or tensors["adam_v"].min() < 0:
             raise damaged
         self.progress = progress
+
+    def _other_setting(self, name: str, found: str, wanted: str, when: str = "") -> InputError:
+        return InputError(
+            f"{self.out} holds a run with {name} = {found}, not {wanted}; resume with the same "
+            f"settings{when}, or choose another folder with --out"
+        )
 
     def _remove_leftovers(self) -> None:
         """Remove the half-written files of a run that was killed."""

@@ -17,7 +17,7 @@ import numpy as np
 from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
 from designrl.recording import read, thin
-from designrl.settings import PRESETS, PUBLISHED
+from designrl.settings import PRESETS, PUBLISHED, as_schedule
 from reproduce.scores import ROOT, paper, score
 
 KEPT_GENERATIONS = 80  # about as many stay in a published recording
@@ -64,6 +64,13 @@ def publish_recordings(run: Path, log: Path, best_generation: int) -> str:
     return recording.metadata["host"]
 
 
+def _from_when(schedule) -> str:
+    return ", ".join(
+        f"{count} from generation {start}" if start else str(count)
+        for start, count in as_schedule(schedule)
+    )
+
+
 def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
     """Write what a reader must know of a checkpoint beside it."""
     experiment, m, cost = agent.experiment, agent.metadata, state["progress"]
@@ -73,11 +80,8 @@ def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
     settings = m["settings"]
     kept = "mean of the distribution" if settings.get("keep") == "mean" else "best candidate"
     defaults = {
-        "population": (settings["population"], experiment.population),
-        "rollouts per candidate": (
-            ", ".join(f"{r} from generation {g}" for g, r in settings["rollouts"]),
-            f"{experiment.rollouts} from generation 0",
-        ),
+        "population": (_from_when(settings["population"]), experiment.population),
+        "rollouts per candidate": (_from_when(settings["rollouts"]), experiment.rollouts),
         "generations": (settings["generations"], experiment.generations),
         "σ decay per generation": (
             settings["sigma_decay"] or PRESETS[settings["preset"]].sigma_decay,

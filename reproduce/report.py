@@ -18,7 +18,7 @@ import numpy as np
 from designrl.checkpoint import file_hash, read_tensors, write_atomically
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
-from designrl.settings import TrainSettings
+from designrl.settings import SCHEDULES, TrainSettings, as_schedule, format_schedule
 from designrl.train import STATE_FORMAT
 from reproduce import build, figure5, scores, statistics, table3
 from reproduce.scores import Score
@@ -189,11 +189,11 @@ def train_command(settings: dict) -> str:
     default = TrainSettings(settings["experiment"]).as_dict()
     words = [f"designrl train {settings['experiment']}", f"--seed {settings['seed']}"]
     for name, value in settings.items():
+        if name in SCHEDULES:
+            value = format_schedule(value)
+            default[name] = format_schedule(default[name])
         if name in ("experiment", "seed") or value is None or value == default.get(name):
             continue
-        if name == "rollouts":
-            first, *later = value
-            value = ",".join([str(first[1]), *(f"{start}:{count}" for start, count in later)])
         words.append(f"--{name.replace('_', '-')} {value}")
     return " ".join(words)
 
@@ -223,9 +223,12 @@ def costs(ours: dict[str, list[Score]]) -> str:
             settings = s.agent.metadata["settings"]
             log = scores.ROOT / "logs" / name / s.path.stem
             cost = progress(log)
-            rollouts = ", ".join(
-                f"{count} from generation {start}" if start else str(count)
-                for start, count in settings["rollouts"]
+            population, rollouts = (
+                ", ".join(
+                    f"{count} from generation {start}" if start else str(count)
+                    for start, count in as_schedule(settings[name])
+                )
+                for name in ("population", "rollouts")
             )
             spent = ["no recording", "", ""]
             if cost:
@@ -255,7 +258,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
                 paper = f"{text[name]['generations']:,}; {hours:,}"
             label = f"[({e.letter}) {e.title}, {scores.seed_of(s.path)}](#origin-{e.letter})"
             row = [label, f"{settings['generations']:,} ({e.generations:,})"]
-            row += [f"{settings['population']} × {rollouts}", *spent, *solved, paper]
+            row += [f"{population} × {rollouts}", *spent, *solved, paper]
             lines.append("| " + " | ".join(row) + " |")
     return "\n".join(lines) if len(lines) > 2 else "No run is published yet."
 

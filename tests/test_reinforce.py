@@ -148,3 +148,16 @@ def test_wrong_input_is_refused():
         )
     with pytest.raises(InputError, match="sigma"):
         optimiser.restore({**optimiser.state(), "sigma": np.ones(2)})
+
+
+def test_the_population_may_change_between_updates():
+    optimiser = Reinforce(3, population=4)
+    optimiser.ask()
+    with pytest.raises(InputError, match="between ask"):
+        optimiser.population = 6
+    optimiser.tell(range(4))
+    optimiser.population = 6
+    assert optimiser.ask().shape == (6, 3)
+    optimiser.tell(range(6))
+    with pytest.raises(InputError, match="even"):
+        optimiser.population = 5

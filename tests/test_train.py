@@ -11,7 +11,7 @@ from designrl import plan, simulation
 from designrl.checkpoint import file_hash, load, read_tensors, write_tensors
 from designrl.errors import InputError
 from designrl.recording import read
-from designrl.settings import TrainSettings, parse_rollouts
+from designrl.settings import TrainSettings, parse_schedule
 from designrl.simulation import EpisodeRules, Simulator
 from designrl.train import STATE_FORMAT, TrainingRun
 
@@ -41,7 +41,7 @@ def test_a_runs_folder_holds_what_the_design_says(undisturbed):
     assert names == {"best.safetensors", "state.safetensors", "generations.mcap", "rollouts"}
     agent = load(undisturbed / "best.safetensors")
     assert agent.metadata["seed"] == 0
-    assert agent.metadata["settings"]["population"] == 4
+    assert agent.metadata["settings"]["population"] == [[0, 4]]
     assert agent.metadata["generation"] in (2, 4, 5)
     assert {"designrl", "box2d-py", "sources"} <= agent.metadata["versions"].keys()
     np.testing.assert_array_equal(agent.parameters, agent.parameters.round(4))
@@ -215,7 +215,7 @@ def test_defaults_are_the_papers():
     defaults = TrainSettings("biped-hardcore")
     assert (defaults.generations, defaults.population, defaults.rollouts) == (
         10000,
-        192,
+        ((0, 192),),
         ((0, 16),),
     )
     assert TrainSettings("ant").generations == 3000
@@ -223,18 +223,41 @@ def test_defaults_are_the_papers():
 
 
 def test_rollouts_are_a_number_or_a_schedule():
-    assert parse_rollouts("16") == ((0, 16),)
-    assert parse_rollouts("1,600:4,900:16") == ((0, 1), (600, 4), (900, 16))
-    schedule = TrainSettings("biped", rollouts=parse_rollouts("1,600:4,900:16"))
+    assert parse_schedule("rollouts", "16") == ((0, 16),)
+    assert parse_schedule("rollouts", "1,600:4,900:16") == ((0, 1), (600, 4), (900, 16))
+    schedule = TrainSettings("biped", rollouts=parse_schedule("rollouts", "1,600:4,900:16"))
     assert [schedule.rollouts_at(g) for g in (0, 599, 600, 899, 5000)] == [1, 1, 4, 4, 16]
     for wrong in ("", "x", "1,2", "1:2", "1,a:3"):
         with pytest.raises(InputError, match="1,600:4"):
-            parse_rollouts(wrong)
+            parse_schedule("rollouts", wrong)
     with pytest.raises(InputError, match="go up"):
         TrainSettings("biped", rollouts=((0, 1), (5, 2), (5, 3)))
 
 
+def test_the_population_follows_its_schedule(tmp_path):
+    schedule = ((0, 4), (2, 6), (3, 2))
+    straight = train(tmp_path, population=schedule)
+    recording = read(tmp_path / "generations.mcap")
+    sizes = [len(m.returns) // m.rollouts for m in recording.messages("/returns")]
+    assert sizes == [4, 4, 6, 2, 2]
+    train(tmp_path / "stopped", population=schedule, generations=2)
+    resumed = train(tmp_path / "stopped", population=schedule, resume=True)
+    np.testing.assert_array_equal(resumed.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
+
+
+def test_schedules_may_be_changed_for_generations_to_come(tmp_path):
+    train(tmp_path / "changed", generations=2, population=4, rollouts=1)
+    new = {"population": ((0, 4), (2, 6)), "rollouts": ((0, 1), (1, 1), (3, 2))}
+    with pytest.raises(InputError, match="population = 4, not 4,1:6; .* up to generation 2"):
+        train(tmp_path / "changed", population=((0, 4), (1, 6)), rollouts=1, resume=True)
+    changed = train(tmp_path / "changed", resume=True, **new)
+    straight = train(tmp_path / "straight", **new)
+    np.testing.assert_array_equal(changed.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
+
+
 def test_wrong_settings_are_refused():
+    with pytest.raises(InputError, match="population is 3; .* even"):
+        TrainingRun(TrainSettings("biped", population=((0, 4), (9, 3))), "unused")
     for value in (0.0, -1.0, float("nan"), float("inf"), 1e300):
         for name in ("sigma_start", "sigma_decay", "learning_rate"):
             with pytest.raises(InputError, match=name.replace("_", "-")):
