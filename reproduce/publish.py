@@ -4,7 +4,8 @@
 
 logs/EXPERIMENT/seedK is a run's folder itself, with generations dropped (never rounded) and three
 of its rollouts: copy it to runs/EXPERIMENT/seedK and `designrl train EXPERIMENT ... --resume` goes
-on with the run, on any machine. Publishing again replaces what was there.
+on with the run, on any machine. Publishing again replaces what was there, but for what stands in
+the card under "Notes", which is for people to write.
 """
 
 import argparse
@@ -13,11 +14,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
+from designrl.policy import Agent
 from designrl.recording import read, thin
-from designrl.settings import PRESETS, PUBLISHED, as_schedule
+from designrl.settings import PRESETS, PUBLISHED, SCHEDULES, as_schedule
+from reproduce import drawing
+from reproduce.figure5 import curve
 from reproduce.scores import ROOT, paper, score
 
 KEPT_GENERATIONS = 80  # about as many stay in a published recording
@@ -41,8 +46,10 @@ def main(argv: list[str] | None = None) -> None:
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(run / "best.safetensors", checkpoint)
     host = publish_recordings(run, log, agent.metadata["generation"])
+    picture = checkpoint.with_suffix(".png")
+    learning_curve(log, agent).savefig(picture, dpi=150, metadata={"Software": None})
     card = write_card(checkpoint, agent, state, host)
-    print(f"{checkpoint}, {card} and {log} written")
+    print(f"{checkpoint}, {card}, {picture} and {log} written")
 
 
 def publish_recordings(run: Path, log: Path, best_generation: int) -> str:
@@ -62,6 +69,50 @@ def publish_recordings(run: Path, log: Path, best_generation: int) -> str:
     for path in {rollouts[0], rollouts[rollouts.index(best) // 2], best}:
         shutil.copyfile(path, log / "rollouts" / path.name)
     return recording.metadata["host"]
+
+
+def learning_curve(log: Path, agent: Agent) -> Figure:
+    """The population's return and the evaluated agents' scores over environment steps."""
+    experiment, settings = agent.experiment, agent.metadata["settings"]
+    c = curve(log / "generations.mcap")
+    figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
+    axes = figure.subplots()
+    generations, steps, _ = c.at
+    low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
+    axes.fill_between(steps, low, high, color=drawing.ORIGINAL, alpha=0.2, linewidth=0)
+    axes.plot(
+        *(steps, c.mean, drawing.ORIGINAL),
+        linewidth=0.8,
+        label="population, mean ± 2 sd, training's rewards",
+    )
+    label = f"evaluated agent ({c.episodes} episodes)"
+    axes.plot(steps[c.tested], c.scores, ".", color=drawing.LEARNED, markersize=3, label=label)
+    mean, _ = paper()["table3"][experiment.name]
+    axes.axhline(mean, color=drawing.GREY, linestyle="--", linewidth=0.8, label=f"paper: {mean}")
+    changes = {g for name in SCHEDULES for g, _ in as_schedule(settings[name]) if g}
+    for generation in sorted(g for g in changes if g <= generations[-1]):
+        at = np.interp(generation, generations, steps)
+        now = [[n for g, n in as_schedule(settings[k]) if g <= generation][-1] for k in SCHEDULES]
+        axes.axvline(at, color=drawing.GREY, linewidth=0.5)
+        axes.annotate(
+            " {} × {} ".format(*now),
+            (at, 0.02),
+            xycoords=("data", "axes fraction"),
+            ha="left" if at < 0.9 * steps[-1] else "right",
+            fontsize=6,
+        )
+    axes.set_xlabel("environment steps (millions)")
+    axes.set_ylabel("return (points)")
+    axes.margins(x=0.02)
+    figure.legend(loc="outside upper left", ncols=3, fontsize=6, columnspacing=1)
+    return figure
+
+
+def _notes(card: Path) -> list[str]:
+    if not card.exists():
+        return []
+    _, heading, text = card.read_text(encoding="utf-8").partition("\n## Notes\n")
+    return ["", "## Notes", text.rstrip("\n")] if heading else []
 
 
 def _from_when(schedule) -> str:
@@ -104,6 +155,8 @@ def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
         f"of generation {m['generation']} of {settings['generations']}, after "
         f"{m['environment_steps']:,} steps.",
         "",
+        f"![Learning curve]({checkpoint.stem}.png)",
+        "",
         "| setting | this run | the paper, its code |",
         "|---|---|---|",
         *(f"| {name} | {ours} | {theirs} |" for name, (ours, theirs) in defaults.items()),
@@ -122,6 +175,7 @@ def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
             )
         ]
     card = checkpoint.with_suffix(".md")
+    lines += _notes(card)
     card.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return card
 
