@@ -187,6 +187,14 @@ def format_schedule(schedule) -> str:
     )
 
 
+def describe_schedule(schedule) -> str:
+    """((0, 1), (600, 4)) -> "1, 4 from generation 600", for readers."""
+    return ", ".join(
+        f"{count} from generation {start}" if start else str(count)
+        for start, count in as_schedule(schedule)
+    )
+
+
 def parse_schedule(name: str, text: str) -> Schedule:
     """ "16" -> ((0, 16),); "1,600:4" -> ((0, 1), (600, 4)).
 

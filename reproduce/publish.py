@@ -20,7 +20,7 @@ from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import read, thin
-from designrl.settings import PRESETS, PUBLISHED, SCHEDULES, as_schedule
+from designrl.settings import PRESETS, PUBLISHED, SCHEDULES, as_schedule, describe_schedule
 from reproduce import drawing
 from reproduce.figure5 import curve
 from reproduce.scores import ROOT, paper, score
@@ -115,13 +115,6 @@ def _notes(card: Path) -> list[str]:
     return ["", "## Notes", text.rstrip("\n")] if heading else []
 
 
-def _from_when(schedule) -> str:
-    return ", ".join(
-        f"{count} from generation {start}" if start else str(count)
-        for start, count in as_schedule(schedule)
-    )
-
-
 def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
     """Write what a reader must know of a checkpoint beside it."""
     experiment, m, cost = agent.experiment, agent.metadata, state["progress"]
@@ -131,8 +124,8 @@ def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
     settings = m["settings"]
     kept = "mean of the distribution" if settings.get("keep") == "mean" else "best candidate"
     defaults = {
-        "population": (_from_when(settings["population"]), experiment.population),
-        "rollouts per candidate": (_from_when(settings["rollouts"]), experiment.rollouts),
+        "population": (describe_schedule(settings["population"]), experiment.population),
+        "rollouts per candidate": (describe_schedule(settings["rollouts"]), experiment.rollouts),
         "generations": (settings["generations"], experiment.generations),
         "σ decay per generation": (
             settings["sigma_decay"] or PRESETS[settings["preset"]].sigma_decay,

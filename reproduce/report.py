@@ -18,7 +18,7 @@ import numpy as np
 from designrl.checkpoint import file_hash, read_tensors, write_atomically
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
-from designrl.settings import SCHEDULES, TrainSettings, as_schedule, format_schedule
+from designrl.settings import SCHEDULES, TrainSettings, describe_schedule, format_schedule
 from designrl.train import STATE_FORMAT
 from reproduce import build, figure5, scores, statistics, table3
 from reproduce.scores import Score
@@ -224,11 +224,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
             log = scores.ROOT / "logs" / name / s.path.stem
             cost = progress(log)
             population, rollouts = (
-                ", ".join(
-                    f"{count} from generation {start}" if start else str(count)
-                    for start, count in as_schedule(settings[name])
-                )
-                for name in ("population", "rollouts")
+                describe_schedule(settings[name]) for name in ("population", "rollouts")
             )
             spent = ["no recording", "", ""]
             if cost:

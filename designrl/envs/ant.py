@@ -14,7 +14,7 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
 from designrl.design import ANT, ANT_LEGS
-from designrl.envs.ant_body import JOINTS, PARTS, TORSO_HEIGHT, leg_capsules, mjcf
+from designrl.envs.ant_body import COLORS, JOINTS, PARTS, TORSO_HEIGHT, leg_capsules, mjcf
 from designrl.errors import InputError
 
 __all__ = ["FEET", "JOINTS", "OBSERVATIONS", "PARTS", "REWARD_TERMS", "Ant", "leg_capsules"]
@@ -96,12 +96,6 @@ FOOT_COLLISION_COST = -1.0
 _MAX_CLIENTS = 1024  # PyBullet's MAX_PHYSICS_CLIENTS
 
 _PICTURE_SIZE = 640, 480  # pixels
-_COLOURS = {
-    "torso": (0.30, 0.30, 0.36),
-    "top": (0.30, 0.30, 0.36),
-    "middle": (0.78, 0.45, 0.12),
-    "bottom": (0.93, 0.68, 0.25),
-}
 
 
 class Ant(gymnasium.Env, EzPickle):
@@ -405,8 +399,8 @@ class Ant(gymnasium.Env, EzPickle):
         )
         if self.render_mode:
             for link, part in zip((-1, *self._parts), PARTS, strict=True):
-                colour = _COLOURS[part.split()[-1]]
-                pybullet.changeVisualShape(self._ant, link, rgbaColor=(*colour, 1.0), **c)
+                rgb = (channel / 255 for channel in COLORS[part.split()[-1]])
+                pybullet.changeVisualShape(self._ant, link, rgbaColor=(*rgb, 1.0), **c)
         self._start = pybullet.saveState(**c)
         self._loaded = self.design.copy()
 

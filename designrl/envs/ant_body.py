@@ -12,6 +12,12 @@ from designrl.design import ANT, ANT_LEGS, ANT_PARTS
 
 TORSO_RADIUS = 0.25  # m
 TORSO_HEIGHT = 0.75  # m, of its centre at the start
+COLORS = {  # of each part, where it is drawn
+    "torso": (90, 90, 107),
+    "top": (90, 90, 107),
+    "middle": (217, 140, 51),
+    "bottom": (242, 191, 89),
+}
 FRICTION = 1.5  # of the body; Bullet multiplies it with that of the floor
 
 HIP_RANGE = (-40, 40)  # degrees
@@ -85,7 +91,7 @@ def mjcf(scales: np.ndarray) -> str:
         '<default><joint limited="true"/>',
         f'<geom contype="1" conaffinity="0" condim="3" friction="{FRICTION} 0.1 0.1"/></default>',
         f'<worldbody><body name="torso" pos="0 0 {TORSO_HEIGHT}">',
-        f'<geom type="sphere" size="{TORSO_RADIUS}" rgba="0.35 0.35 0.42 1"/>',
+        f'<geom type="sphere" size="{TORSO_RADIUS}"/>',
     ]
     for part in leg_capsules(scales):
         text.append(f'<body name="{part.name}" pos="{numbers(part.origin)}">')
@@ -94,11 +100,9 @@ def mjcf(scales: np.ndarray) -> str:
                 f'<joint name="{part.joint}" type="hinge" pos="0 0 0" '
                 f'axis="{numbers(part.axis)}" range="{numbers(part.limits)}"/>'
             )
-        color = {"top": "0.35 0.35 0.42 1", "middle": "0.85 0.55 0.2 1"}
-        rgba = color.get(part.name.split()[-1], "0.95 0.75 0.35 1")
         text.append(
             f'<geom type="capsule" fromto="0 0 0 {numbers(part.end)}" '
-            f'size="{numbers([part.radius])}" rgba="{rgba}"/>'
+            f'size="{numbers([part.radius])}"/>'
         )
         if part.name.endswith(ANT_PARTS[-1]):
             text.append("</body>" * len(ANT_PARTS))

@@ -25,7 +25,6 @@ WALKER_TREE = {
 }
 HULL_COLOR = (160, 105, 255)
 LEG_COLORS = ((255, 190, 225), (225, 110, 180))  # leg 1, leg 2
-ANT_COLORS = {"top": (90, 90, 107), "middle": (217, 140, 51), "bottom": (242, 191, 89)}
 LEG_SIDE = 0.4  # m: leg 1 is drawn that much to the left of the hull's plane, leg 2 to the right
 
 
@@ -110,10 +109,10 @@ def _hull() -> list[str]:
 
 def ant_urdf(scales: np.ndarray, caption: str = "") -> str:
     """The ant of a design of scales (36,); a capsule is a cylinder and two spheres."""
-    torso = [_sphere(ant_body.TORSO_RADIUS, (0, 0, 0), ANT_COLORS["top"])]
+    torso = [_sphere(ant_body.TORSO_RADIUS, (0, 0, 0), ant_body.COLORS["torso"])]
     links, joints = {"torso": torso}, [_joint("torso", "world", "torso")]
     for part in ant_body.leg_capsules(scales):
-        color, (x, y, z) = ANT_COLORS[part.name.split()[-1]], part.end
+        color, (x, y, z) = ant_body.COLORS[part.name.split()[-1]], part.end
         cylinder = f'cylinder radius="{_numbers([part.radius])}" length="{math.hypot(x, y):.9g}"'
         turn = (0, math.pi / 2, math.atan2(y, x))  # a URDF cylinder stands on z; the legs lie flat
         links[part.name] = [
