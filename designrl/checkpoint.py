@@ -31,6 +31,11 @@ from designrl.policy import Agent
 
 FORMAT = "designrl checkpoint 1"
 STATE_FORMAT = "designrl training state 1"
+MENDS = {
+    FORMAT: "get it again, or name another",
+    STATE_FORMAT: "put a good copy back, or start again in another folder with --out",
+}
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
@@ -108,14 +113,20 @@ def _read_limited(path: Path) -> bytes:
             raise InputError(f"{path} is a folder; name a file in it")
         if not path.is_file():
             raise InputError(f"{path} is not a file; name one")
-        if found.st_size > MAX_FILE_BYTES:
-            raise InputError(
-                f"{path} has {found.st_size:,} bytes, too many for what it should be; name another"
-            )
         with path.open("rb") as file:
-            return file.read(MAX_FILE_BYTES)
+            data = file.read(MAX_FILE_BYTES)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
+    if data.startswith(MCAP_MAGIC):
+        raise InputError(
+            f"{path} is a recording, not a checkpoint; open it with `designrl info` or "
+            "`designrl replay`"
+        )
+    if found.st_size > MAX_FILE_BYTES:
+        raise InputError(
+            f"{path} has {found.st_size:,} bytes, too many for what it should be; name another"
+        )
+    return data
 
 
 def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarray], dict]:
@@ -126,7 +137,8 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
     """
     path = Path(path)
     data = _read_limited(path)
-    damaged = f"{path} is not a whole {format_name} file; get it again"
+    part = "whole " if data[8:9] in (b"", b"{") else ""  # there, any safetensors' header begins
+    damaged = f"{path} is not a {part}{format_name} file; {MENDS[format_name]}"
     header_bytes = int.from_bytes(data[:8], "little")
     if header_bytes > MAX_HEADER_BYTES:
         raise InputError(damaged)
@@ -136,7 +148,12 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
         metadata = json.loads(header["__metadata__"]["designrl"])
     except (safetensors.SafetensorError, KeyError, TypeError, ValueError, RecursionError):
         raise InputError(damaged) from None
-    if not isinstance(metadata, dict) or metadata.get("format") != format_name:
+    found = metadata.get("format") if isinstance(metadata, dict) else None
+    if (found, format_name) == (STATE_FORMAT, FORMAT):
+        raise InputError(
+            f"{path} is a training state, not an agent; name best.safetensors beside it"
+        )
+    if found != format_name:
         raise InputError(damaged)
     return tensors, metadata
 

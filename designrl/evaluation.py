@@ -8,6 +8,7 @@ import numpy as np
 
 from designrl.errors import InputError
 from designrl.policy import Agent
+from designrl.settings import MAX_EPISODES
 from designrl.simulation import Simulator
 
 
@@ -66,7 +67,7 @@ def evaluate(
 
     Args:
         agent: from `designrl.load`.
-        episodes: at least 1.
+        episodes: at least 1, at most MAX_EPISODES.
         seed: the same seed gives the same scores, for any number of workers.
         workers: processes. More than one needs the usual `if __name__ == "__main__":`.
         backend, lidar: as in `Simulator`.
@@ -75,10 +76,10 @@ def evaluate(
     Raises:
         InputError: episodes, seed, workers or backend out of range.
     """
-    if episodes < 1 or seed < 0:
+    if not 1 <= episodes <= MAX_EPISODES or seed < 0:
         raise InputError(
-            f"an evaluation needs at least 1 episode and a seed of at least 0, got {episodes} "
-            f"and {seed}"
+            f"an evaluation needs 1 to {MAX_EPISODES:,} episodes and a seed of at least 0, got "
+            f"{episodes} and {seed}"
         )
     start = time.perf_counter()
     with Simulator(agent.experiment, backend, agent.network, lidar, workers) as simulator:

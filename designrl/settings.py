@@ -47,6 +47,9 @@ PAPER = ReinforceSettings(
 PRESETS = {"published": PUBLISHED, "paper": PAPER}
 
 
+# Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
+MAX_EPISODES = 10_000_000
+
 Schedule = tuple[tuple[int, int], ...]
 """A number for each generation: ((0, 1), (600, 4)) is 1 from generation 0 on and 4 from 600 on."""
 
@@ -73,7 +76,7 @@ class TrainSettings:
         default=((0, 192),),
         metadata={
             "help": "candidates per generation; or, to change it on the way, "
-            "FIRST,GENERATION:NEXT,... as in 16,600:64"
+            "FIRST,GENERATION:NEXT,... as in 16,600:64 (64 from generation 600 on, counted from 0)"
         },
     )
     rollouts: Schedule = field(
@@ -134,6 +137,15 @@ class TrainSettings:
         ):
             if value is not None and value < 1:
                 raise InputError(f"{name} is {value}; it must be at least 1")
+        population, rollouts = (max(n for _, n in getattr(self, name)) for name in SCHEDULES)
+        for episodes, what in (
+            (population * rollouts, "a generation (population times rollouts)"),
+            (self.evaluation_episodes or 1, "an evaluation"),
+        ):
+            if episodes > MAX_EPISODES:
+                raise InputError(
+                    f"{what} would be {episodes:,} episodes; it can be at most {MAX_EPISODES:,}"
+                )
         for name in ("sigma_start", "sigma_decay", "learning_rate"):
             value = getattr(self, name)
             if value is not None and not 0 < value <= 10:  # false for NaN, too
@@ -187,11 +199,12 @@ def format_schedule(schedule) -> str:
     )
 
 
-def describe_schedule(schedule) -> str:
-    """((0, 1), (600, 4)) -> "1, 4 from generation 600", for readers."""
+def describe_schedule(schedule, generations: int) -> str:
+    """((0, 1), (600, 4)) -> "1, 4 from generation 600"; what comes after so many is left out."""
     return ", ".join(
         f"{count} from generation {start}" if start else str(count)
         for start, count in as_schedule(schedule)
+        if start == 0 or start < generations
     )
 
 

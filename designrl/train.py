@@ -3,7 +3,8 @@
 A run's folder holds `best.safetensors` (the agent to evaluate), `state.safetensors` (all that a
 resume needs), `generations.mcap` and `rollouts/*.mcap` (see `designrl.recording`). Everything
 random is a function of the seed and the generation, so a run that was interrupted, or executed
-elsewhere, ends with the same bytes in `best.safetensors`.
+elsewhere, ends with the same bytes in `best.safetensors` (on processors with AVX2, that is nearly
+all since 2013: without it, PyTorch adds in another order).
 """
 
 import dataclasses
@@ -143,11 +144,14 @@ class TrainingRun:
             self._run()
 
     def _run(self) -> None:
+        with self.simulator() as simulator:  # refuses what it must before anything is written
+            self._save_state()  # before the recording, so that whatever a kill leaves can go on
+            self._resume = True
+            self._train(simulator)
+
+    def _train(self, simulator: Simulator) -> None:
         generation = self.optimiser.generation
-        self._save_state()  # first of all, so that whatever is left by a kill can be resumed
-        self._resume = True
         with (
-            self.simulator() as simulator,
             RunWriter(
                 self.out / "generations.mcap",
                 self._metadata(),
@@ -305,8 +309,7 @@ class TrainingRun:
     def _account(self, simulator: Simulator, start: tuple[float, float], steps: int) -> None:
         seconds = time.perf_counter() - start[0]
         # The processor time of a pool's processes is not known before they end.
-        pooled = self.ray or (simulator.backend == "reference" and self.workers > 1)
-        cpu_seconds = seconds * self.workers if pooled else time.process_time() - start[1]
+        cpu_seconds = seconds * simulator.processes or time.process_time() - start[1]
         self.progress.total_steps += steps
         self.progress.seconds += seconds
         self.progress.cpu_seconds += cpu_seconds
@@ -381,6 +384,11 @@ class TrainingRun:
                 )
         if generation < 0 or tensors["sigma"].min() <= 0 or tensors["adam_v"].min() < 0:
             raise damaged
+        if progress.best_score is not None and not (self.out / "best.safetensors").exists():
+            raise InputError(
+                f"{self.out} has lost its best.safetensors, kept at generation "
+                f"{progress.best_generation}; put it back, or start again in another folder"
+            )
         self.progress = progress
 
     def _other_setting(self, name: str, found: str, wanted: str, when: str = "") -> InputError:

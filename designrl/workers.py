@@ -30,6 +30,7 @@ START_SECONDS = 120.0  # for a worker to start, on a busy machine
 TASK_SECONDS = 60.0  # a task that takes longer hangs, unless the caller knows better
 PATIENCE_SECONDS = 30.0  # without a core on the cluster, before it is mentioned
 GOODBYE_SECONDS = 2.0  # for a worker to end by itself
+WORKER_NAME = "designrl worker"  # of a worker process
 
 
 class TaskError(Exception):
@@ -90,7 +91,7 @@ class _Workers:
 
         Raises:
             TaskError: a task failed three times, each time in another worker.
-            InputError: the function raised it.
+            InputError: the function raised it; no worker starts.
         """
         self._begin(candidates)
         waiting, failures = deque(range(len(tasks))), Counter()
@@ -148,6 +149,7 @@ def _serve(pipe: connection.Connection) -> None:
         os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
+    pipe.send(("ready", None))
     while True:
         try:
             function, candidates, arguments = pipe.recv()
@@ -162,12 +164,19 @@ def _serve(pipe: connection.Connection) -> None:
         pipe.send(answer)
 
 
+# A worker runs the script of its parent once more, as a module, to find the functions in it.
+NO_START = (
+    "the worker processes do not start; a script that uses several workers must be a file, with "
+    'this call under `if __name__ == "__main__":`'
+)
+
+
 class _Process:
     """A worker process and the pipe to it."""
 
     def __init__(self, context):
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process = context.Process(target=_serve, args=(theirs,), name=WORKER_NAME, daemon=True)
         self.process.start()
         theirs.close()  # else it would not read as closed when the worker dies
 
@@ -195,7 +204,10 @@ class ProcessWorkers(_Workers):
     """
 
     def __init__(self, count: int):
+        if multiprocessing.current_process().name == WORKER_NAME:
+            sys.exit(1)  # this is a worker that runs an unguarded script; its parent says so
         self.count = count
+        self._started = False  # a worker has been ready
         # Not "fork": a forked child shares PyBullet clients and the locks of torch's threads.
         self._context = multiprocessing.get_context("forkserver")
         self._idle: list[_Process] = []
@@ -221,6 +233,11 @@ class ProcessWorkers(_Workers):
                 outcome, value = pipe.recv()
             except (EOFError, OSError, pickle.UnpicklingError):
                 outcome, value = "failed", worker.death()
+                if not self._started and worker.process.exitcode == 1:  # and not of a signal
+                    raise InputError(NO_START) from None
+            if outcome == "ready":
+                self._started = True
+                continue
             if outcome == "refused":
                 raise value
             if outcome == "done":
@@ -292,7 +309,8 @@ class RayWorkers(_Workers):
             import ray
         except ImportError:
             raise InputError(
-                'Ray is not installed; install it with: pip install "designrl[ray]"'
+                "Ray is not installed; install it in designrl's checkout with: "
+                'pip install -e ".[ray]"'
             ) from None
         self._ray = ray
         if address not in ("local", "auto") and "://" not in address:

@@ -167,7 +167,8 @@ def figure_of(rows: dict[str, tuple[str, str]], paper_marks: bool, solved: bool 
     frame(panels, solved)
     handles, labels = panels[1, 0].get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+        columns = 2 if max(map(len, labels)) < 50 else 1
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
     if notes:
         figure.suptitle("; ".join(notes), fontsize=7, color="#B00000")
     return figure

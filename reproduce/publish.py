@@ -19,11 +19,10 @@ from matplotlib.figure import Figure
 from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
 from designrl.policy import Agent
-from designrl.recording import read, thin
+from designrl.recording import Recording, read, thin
 from designrl.settings import PRESETS, PUBLISHED, SCHEDULES, as_schedule, describe_schedule
-from reproduce import drawing
+from reproduce import drawing, scores
 from reproduce.figure5 import curve
-from reproduce.scores import ROOT, paper, score
 
 KEPT_GENERATIONS = 80  # about as many stay in a published recording
 
@@ -32,43 +31,58 @@ def main(argv: list[str] | None = None) -> None:
     """Publish the run in a folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, help="the run's folder")
-    run = parser.parse_args(argv).run
+    parser.add_argument(
+        "--replace", action="store_true", help="also where the published agent scored higher"
+    )
+    args = parser.parse_args(argv)
     try:
-        _, state = read_tensors(run / "state.safetensors", STATE_FORMAT)
-        agent = load(run / "best.safetensors")
-    except InputError as error:
+        print(publish(args.run, args.replace))
+    except (InputError, OSError) as error:
         sys.exit(f"publish: {error}")
-    experiment, seed = agent.experiment.name, agent.metadata["seed"]
-    checkpoint = ROOT / "pretrained" / experiment / f"seed{seed}.safetensors"
-    log = ROOT / "logs" / experiment / f"seed{seed}"
-    if run.resolve() == log.resolve():
-        sys.exit(f"publish: {run} is what is published; copy it to runs/ and go on there")
-    checkpoint.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(run / "best.safetensors", checkpoint)
-    host = publish_recordings(run, log, agent.metadata["generation"])
-    picture = checkpoint.with_suffix(".png")
-    learning_curve(log, agent).savefig(picture, dpi=150, metadata={"Software": None})
-    card = write_card(checkpoint, agent, state, host)
-    print(f"{checkpoint}, {card}, {picture} and {log} written")
 
 
-def publish_recordings(run: Path, log: Path, best_generation: int) -> str:
-    """Thin the run's recording into `log`, with its state and three rollouts; returns its host."""
+def publish(run: Path, replace: bool = False) -> str:
+    """Check the run, then write all that is published of it; returns what was written.
+
+    Raises:
+        InputError: the run is damaged or worse than what is published; nothing has been changed.
+    """
+    tensors, state = read_tensors(run / "state.safetensors", STATE_FORMAT)
+    agent = load(run / "best.safetensors")
     recording = read(run / "generations.mcap")
-    every = max(1, len(recording.generations) // KEPT_GENERATIONS)
+    if len(recording.generations) == 0:
+        raise InputError(f"{recording.path} holds no generation; train further")
+    experiment, seed = agent.experiment.name, agent.metadata["seed"]
+    checkpoint = scores.ROOT / "pretrained" / experiment / f"seed{seed}.safetensors"
+    log = scores.ROOT / "logs" / experiment / f"seed{seed}"
+    if run.resolve() == log.resolve():
+        raise InputError(f"{run} is what is published; copy it to runs/ and go on there")
+    rollouts = sorted((run / "rollouts").glob("*.mcap"))
+    best = run / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
+    if best not in rollouts:
+        raise InputError(f"{best} is missing; it is the kept agent's rollout")
+    if checkpoint.exists() and not replace:
+        published = load(checkpoint).metadata["score"]
+        if published > agent.metadata["score"]:
+            raise InputError(
+                f"{checkpoint} scored {published:.1f}, this run {agent.metadata['score']:.1f}; add "
+                "--replace to publish it all the same"
+            )
     (log / "rollouts").mkdir(parents=True, exist_ok=True)
+    every = max(1, len(recording.generations) // KEPT_GENERATIONS)
     thin(run / "generations.mcap", log / "generations.mcap", every=every)
     for name in ("state.safetensors", "best.safetensors"):
         shutil.copyfile(run / name, log / name)
     for old in (log / "rollouts").iterdir():
         old.unlink()
-    rollouts = sorted((run / "rollouts").glob("*.mcap"))
-    best = run / "rollouts" / f"generation{best_generation:05d}.mcap"
-    if best not in rollouts:
-        sys.exit(f"publish: {best} is missing; it is the kept agent's rollout")
     for path in {rollouts[0], rollouts[rollouts.index(best) // 2], best}:
         shutil.copyfile(path, log / "rollouts" / path.name)
-    return recording.metadata["host"]
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(run / "best.safetensors", checkpoint)
+    picture = checkpoint.with_suffix(".png")
+    learning_curve(log, agent).savefig(picture, dpi=150, metadata={"Software": None})
+    card = write_card(checkpoint, agent, int(tensors["generation"]), state, recording)
+    return f"{checkpoint}, {card}, {picture} and {log} written"
 
 
 def learning_curve(log: Path, agent: Agent) -> Figure:
@@ -86,9 +100,13 @@ def learning_curve(log: Path, agent: Agent) -> Figure:
         label="population, mean ± 2 sd, training's rewards",
     )
     label = f"evaluated agent ({c.episodes} episodes)"
+    if experiment.leg_area_reward:
+        label += ", with the factor for smaller legs"
     axes.plot(steps[c.tested], c.scores, ".", color=drawing.LEARNED, markersize=3, label=label)
-    mean, _ = paper()["table3"][experiment.name]
-    axes.axhline(mean, color=drawing.GREY, linestyle="--", linewidth=0.8, label=f"paper: {mean}")
+    if not experiment.leg_area_reward:  # the paper's number is without that factor
+        mean, _ = scores.paper()["table3"][experiment.name]
+        line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
+        axes.axhline(mean, label=f"paper: {mean}", **line)
     changes = {g for name in SCHEDULES for g, _ in as_schedule(settings[name]) if g}
     for generation in sorted(g for g in changes if g <= generations[-1]):
         at = np.interp(generation, generations, steps)
@@ -115,18 +133,21 @@ def _notes(card: Path) -> list[str]:
     return ["", "## Notes", text.rstrip("\n")] if heading else []
 
 
-def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
-    """Write what a reader must know of a checkpoint beside it."""
+def write_card(
+    checkpoint: Path, agent: Agent, done: int, state: dict, recording: Recording
+) -> Path:
+    """Write what a reader must know of a checkpoint beside it; `done` generations were trained."""
     experiment, m, cost = agent.experiment, agent.metadata, state["progress"]
-    result = score(checkpoint, experiment.name)
+    result = scores.score(checkpoint, experiment.name)
     error = 1.96 * result.std / np.sqrt(len(result.returns))
-    paper_mean, paper_std = paper()["table3"][experiment.name]
+    paper_mean, paper_std = scores.paper()["table3"][experiment.name]
     settings = m["settings"]
     kept = "mean of the distribution" if settings.get("keep") == "mean" else "best candidate"
+    population, rollouts = (describe_schedule(settings[name], done) for name in SCHEDULES)
     defaults = {
-        "population": (describe_schedule(settings["population"]), experiment.population),
-        "rollouts per candidate": (describe_schedule(settings["rollouts"]), experiment.rollouts),
-        "generations": (settings["generations"], experiment.generations),
+        "population": (population, experiment.population),
+        "rollouts per candidate": (rollouts, experiment.rollouts),
+        "generations": (done, experiment.generations),
         "σ decay per generation": (
             settings["sigma_decay"] or PRESETS[settings["preset"]].sigma_decay,
             PUBLISHED.sigma_decay,
@@ -144,8 +165,8 @@ def write_card(checkpoint: Path, agent, state: dict, host: str) -> Path:
         f"{paper_std}.",
         "",
         f"**Cost** {cost['total_steps']:,} environment steps, {cost['cpu_seconds'] / 3600:.2f} "
-        f"core-hours, {cost['seconds'] / 3600:.2f} hours of wall time on {host}. The kept agent is "
-        f"of generation {m['generation']} of {settings['generations']}, after "
+        f"core-hours, {cost['seconds'] / 3600:.2f} hours of wall time on "
+        f"{recording.metadata['host']}. The kept agent is of generation {m['generation']}, after "
         f"{m['environment_steps']:,} steps.",
         "",
         f"![Learning curve]({checkpoint.stem}.png)",

@@ -199,9 +199,10 @@ def train_command(settings: dict) -> str:
 
 
 def progress(log: Path) -> dict | None:
-    """Steps, wall and processor seconds of a run; None where its folder has no state."""
+    """Generations, steps, wall and processor seconds of a run; None where it has no state."""
     try:
-        return read_tensors(log / "state.safetensors", STATE_FORMAT)[1]["progress"]
+        tensors, state = read_tensors(log / "state.safetensors", STATE_FORMAT)
+        return {"generations": int(tensors["generation"]), **state["progress"]}
     except (InputError, KeyError):
         return None
 
@@ -223,9 +224,8 @@ def costs(ours: dict[str, list[Score]]) -> str:
             settings = s.agent.metadata["settings"]
             log = scores.ROOT / "logs" / name / s.path.stem
             cost = progress(log)
-            population, rollouts = (
-                describe_schedule(settings[name]) for name in ("population", "rollouts")
-            )
+            done = cost["generations"] if cost else settings["generations"]
+            population, rollouts = (describe_schedule(settings[name], done) for name in SCHEDULES)
             spent = ["no recording", "", ""]
             if cost:
                 spent = [
@@ -253,7 +253,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
                 hours = text[name]["hours"] * figure5.PAPER_CORES
                 paper = f"{text[name]['generations']:,}; {hours:,}"
             label = f"[({e.letter}) {e.title}, {scores.seed_of(s.path)}](#origin-{e.letter})"
-            row = [label, f"{settings['generations']:,} ({e.generations:,})"]
+            row = [label, f"{done:,} ({e.generations:,})"]
             row += [f"{population} × {rollouts}", *spent, *solved, paper]
             lines.append("| " + " | ".join(row) + " |")
     return "\n".join(lines) if len(lines) > 2 else "No run is published yet."

@@ -5,7 +5,16 @@ import sys
 import numpy as np
 import pytest
 
-from designrl.checkpoint import describe, file_hash, load, load_published, save
+from designrl.checkpoint import (
+    STATE_FORMAT,
+    describe,
+    file_hash,
+    load,
+    load_published,
+    read_tensors,
+    save,
+    write_tensors,
+)
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.policy import Agent
@@ -112,6 +121,26 @@ def test_the_wrong_file_is_refused_by_name(tmp_path):
     (tmp_path / "a.json").write_text("[[], 0]")
     with pytest.raises(InputError, match="add --experiment"):
         load(tmp_path / "a.json")
+
+
+def test_what_is_no_agent_is_called_what_it_is(tmp_path):
+    state, recording, text = (tmp_path / name for name in ("state.safetensors", "a.mcap", "a.txt"))
+    write_tensors(state, {}, {}, STATE_FORMAT)
+    with pytest.raises(InputError, match=r"is a training state, not an agent; name best\.safeten"):
+        load(state)
+    recording.write_bytes(b"\x89MCAP0\r\n" + bytes(2**23))
+    with pytest.raises(InputError, match="a.mcap is a recording, not a checkpoint; open it with"):
+        load(recording)
+    text.write_text("version https://git-lfs.github.com/spec/v1")
+    with pytest.raises(InputError, match=r"a\.txt is not a designrl checkpoint 1 file; get it"):
+        load(text)
+
+
+def test_a_damaged_state_is_not_to_be_got_again(tmp_path):
+    write_tensors(tmp_path / "a", {}, {}, STATE_FORMAT)
+    (tmp_path / "a").write_bytes((tmp_path / "a").read_bytes()[:-1])
+    with pytest.raises(InputError, match="a whole designrl training state 1 .* start again in ano"):
+        read_tensors(tmp_path / "a", STATE_FORMAT)
 
 
 def test_no_space_leaves_the_old_file(tmp_path, monkeypatch):

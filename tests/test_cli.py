@@ -106,7 +106,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(checkpoint, tmp_path, capsys)
     assert "not a finite" in refused(
         capsys, evaluate, tmp_path / "nan.json", "--experiment", "biped"
     )
-    assert "at least 1 episode" in refused(capsys, evaluate, checkpoint, "--episodes", 0)
+    assert "needs 1 to" in refused(capsys, evaluate, checkpoint, "--episodes", 0)
     assert "did you mean 'biped-hardcore'" in refused(capsys, "train", "biped-hard")
     assert "at least 1" in refused(
         capsys, "train", "biped", "--workers", 0, "--out", tmp_path / "r"
@@ -126,7 +126,7 @@ def test_a_dry_run_starts_nothing(tmp_path, capsys, monkeypatch):
 def test_without_ray_the_message_says_what_to_install(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     err = refused(capsys, "train", "biped", "--ray", "local", "--out", tmp_path / "r")
-    assert 'pip install "designrl[ray]"' in err
+    assert 'pip install -e ".[ray]"' in err
 
 
 def test_help_needs_no_heavy_import():

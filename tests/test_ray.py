@@ -16,7 +16,7 @@ from designrl.simulation import Simulator
 from designrl.train import TrainingRun
 from designrl.workers import RayWorkers, TaskError
 
-ray = pytest.importorskip("ray", reason='Ray is not installed (pip install "designrl[ray]")')
+ray = pytest.importorskip("ray", reason='Ray is not installed (pip install -e ".[ray]")')
 
 SETTINGS = TrainSettings(
     "biped-morphology",

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from designrl.checkpoint import save
+from designrl.checkpoint import load, save
 from designrl.design import WALKER
 from designrl.evaluation import Evaluation
 from designrl.experiments import EXPERIMENTS, get_experiment
@@ -23,6 +23,7 @@ from reproduce import (
     drawing,
     figure4,
     figure5,
+    publish,
     report,
     scores,
     statistics,
@@ -279,6 +280,62 @@ def test_learning_curve_is_the_recordings(project):
     assert (np.diff(c.at[1:]) > 0).all() and c.episodes == 4
     assert figure5.solved_at(c) is None
     assert build.make("figure5") and build.make("figure5") is None
+
+
+# ------------------------------------------------------------------------------------- publishing
+
+
+@pytest.fixture
+def published(project):
+    """A run's folder and the checkpoint that was published from it."""
+    run = project / "runs" / "biped" / "seed0"
+    settings = TrainSettings(
+        "biped", generations=5, population=4, rollouts=((0, 1), (5, 2)), evaluate_every=2
+    )
+    TrainingRun(settings, run).run()
+    publish.publish(run)
+    return run, project / "pretrained" / "biped" / "seed0.safetensors"
+
+
+def contents(project) -> dict[Path, bytes]:
+    folders = (project / "pretrained", project / "logs")
+    return {p: p.read_bytes() for f in folders for p in f.rglob("*") if p.is_file()}
+
+
+def test_publishing_again_keeps_the_notes_and_gives_the_same_files(published, project):
+    run, checkpoint = published
+    card = checkpoint.with_suffix(".md")
+    assert "| rollouts per candidate | 1 | 16 |" in card.read_text(), "5:2 was never reached"
+    card.write_text(card.read_text() + "\n## Notes\nmine\n")
+    before = contents(project)
+    publish.publish(run)
+    assert contents(project) == before
+
+
+@pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap", "rollouts"])
+def test_a_damaged_run_leaves_what_is_published(published, project, name):
+    run, _ = published
+    before = contents(project)
+    if name == "rollouts":
+        shutil.rmtree(run / name)
+    else:
+        (run / name).write_bytes((run / name).read_bytes()[:20])
+    with pytest.raises(SystemExit, match=rf"publish: .*{name}"):
+        publish.main([str(run)])
+    assert contents(project) == before
+
+
+def test_a_worse_run_is_published_only_when_asked(published, project):
+    run, checkpoint = published
+    better = load(checkpoint)
+    better.metadata["score"] += 1
+    save(better, checkpoint)
+    before = contents(project)
+    with pytest.raises(SystemExit, match="seed0.safetensors scored .* add --replace"):
+        publish.main([str(run)])
+    assert contents(project) == before
+    publish.main([str(run), "--replace"])
+    assert checkpoint.read_bytes() == (run / "best.safetensors").read_bytes()
 
 
 # ----------------------------------------------------------------------------------------- report

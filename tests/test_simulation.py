@@ -148,6 +148,19 @@ def test_workers_that_were_killed_while_idle_are_replaced(capsys):
     assert capsys.readouterr().err.count("died of signal 9") == 2
 
 
+def test_a_script_without_a_guard_is_told_so(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import numpy as np\nfrom designrl.workers import ProcessWorkers\n"
+        "with ProcessWorkers(2) as workers:\n"
+        "    print(dict(workers.run(np.sum, np.ones((2, 1)), [(slice(2),)] * 4)))"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert done.returncode == 1 and done.stderr.count("Traceback") == 1
+    last = done.stderr.splitlines()[-1]
+    assert "processes do not start" in last and 'if __name__ == "__main__":' in last
+
+
 def test_workers_end_when_their_parent_is_killed(tmp_path):
     code = (
         "import sys; sys.path.insert(0, 'tests'); from test_simulation import *\n"
@@ -230,7 +243,7 @@ def test_wrong_input_is_refused():
     with pytest.raises(InputError, match="does not have the network"):
         Simulator("biped", network=PUBLISHED_ANT_NETWORK)
     agent = Agent(get_experiment("biped"), np.zeros(2804))
-    with pytest.raises(InputError, match="at least 1 episode"):
+    with pytest.raises(InputError, match="needs 1 to"):
         evaluate(agent, episodes=0)
 
 

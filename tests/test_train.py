@@ -262,9 +262,30 @@ def test_wrong_settings_are_refused():
         for name in ("sigma_start", "sigma_decay", "learning_rate"):
             with pytest.raises(InputError, match=name.replace("_", "-")):
                 settings(**{name: value})
+    huge = 10**20
+    for wrong in ({"population": huge}, {"rollouts": ((0, 1), (2, huge))}):
+        with pytest.raises(InputError, match="a generation .* can be at most"):
+            settings(**wrong)
+    with pytest.raises(InputError, match="an evaluation .* can be at most"):
+        settings(evaluation_episodes=huge)
     for wrong in ({"generations": 0}, {"seed": -1}, {"preset": "x"}, {"keep": "x"}):
         with pytest.raises(InputError):
             settings(**wrong)
+
+
+def test_a_refused_run_leaves_its_folder_to_the_next_one(tmp_path):
+    with pytest.raises(InputError, match="backend"):
+        TrainingRun(settings(), tmp_path, backend="enginee").run()
+    with pytest.raises(InputError, match="workers"):
+        train(tmp_path, workers=0)
+    train(tmp_path, generations=1)
+
+
+def test_a_run_that_has_lost_its_kept_agent_is_not_gone_on_with(tmp_path):
+    train(tmp_path, generations=2)
+    (tmp_path / "best.safetensors").unlink()
+    with pytest.raises(InputError, match=r"lost its best.safetensors, kept at generation 2"):
+        train(tmp_path, generations=4, resume=True)
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from PIL import Image
 from test_recording import random_agent, write_run
 
@@ -142,6 +143,49 @@ def test_a_recording_that_was_cut_is_replayed(folder, tmp_path):
     assert not read(tmp_path / "cut.mcap").complete
     viewer.replay([tmp_path / "cut.mcap"], save=tmp_path / "cut.rrd")
     assert "/cut/figure/mean/hull" in logged(tmp_path / "cut.rrd")
+
+
+def test_a_recording_with_nothing_left_says_why(folder, tmp_path, capfd):
+    data = (folder / "rollouts" / "generation00005.mcap").read_bytes()
+    path = tmp_path / "cut.mcap"
+    for size in (60, 2000):  # without any record; with some about the rollout
+        path.write_bytes(data[:size])
+        with pytest.raises(InputError, match=r"cut\.mcap holds nothing to show \(the file ends in"):
+            viewer.replay([path], save=tmp_path / "cut.rrd")
+    assert "WARN" not in capfd.readouterr().err
+
+
+def test_rerun_does_not_speak_of_what_an_error_drops(folder, tmp_path, capfd, monkeypatch):
+    def fail(stream, recording, name):
+        stream.log("x", rr.Scalars(1.0))
+        raise InputError("an error")
+
+    monkeypatch.setattr(viewer, "log_recording", fail)
+    with pytest.raises(InputError, match="an error"):
+        viewer.replay([folder / "generations.mcap"], save=tmp_path / "x.rrd")
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("platform", "display"),
+    [("linux", None), ("linux", "DISPLAY"), ("linux", "WAYLAND_DISPLAY"), ("darwin", None)],
+)
+def test_without_a_display_is_said_what_to_do(platform, display, folder, monkeypatch):
+    class Stream(rr.RecordingStream):
+        def spawn(self, **_):
+            raise RuntimeError("it is broken")
+
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    if display:
+        monkeypatch.setenv(display, ":0")
+    monkeypatch.setenv("PATH", os.environ["PATH"])  # put back what the viewer adds
+    monkeypatch.setattr(viewer.sys, "platform", platform)
+    monkeypatch.setattr(viewer.rr, "RecordingStream", Stream)
+    shown = display or platform != "linux"
+    sentence = r"did not start \(it is broken\)" if shown else "there is no display .* --save"
+    with pytest.raises(InputError, match=sentence):
+        viewer.replay([folder / "generations.mcap"])
 
 
 @pytest.mark.parametrize("case", ["no file", "no recordings", "not an MCAP file", "other program"])

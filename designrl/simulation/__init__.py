@@ -112,6 +112,11 @@ class Simulator:
         elif workers > 1 and not self._engine:
             self._pool = ProcessWorkers(workers)
 
+    @property
+    def processes(self) -> int:
+        """How many processes simulate beside this one; on a cluster, its cores at the moment."""
+        return self._pool.count if self._pool else 0
+
     def rollout(
         self,
         candidates: np.ndarray,

@@ -37,27 +37,39 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
 
     Raises:
         InputError: nothing to open, a file that cannot be read or written or that exists already,
-            no graphics driver.
+            no display, no graphics driver.
     """
     paths = list(paths)
     _check_targets([Path(path) for path in (save, screenshot) if path is not None], paths)
     recordings = [read(path) for path in find_recordings(paths)]
     names = unique_names([recording.path for recording in recordings])
+    for recording in recordings:
+        _require_messages(recording)
     layout = blueprint(recordings, names)
+    if save is None and screenshot is None:
+        _require_display()
     stream = rr.RecordingStream("designrl")
     if save is None and screenshot is None:
         # Where the environment is not activated, Rerun would not find its own viewer.
         os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
-        stream.spawn(default_blueprint=layout)
-        _log(stream, recordings, names)
+        try:
+            stream.spawn(default_blueprint=layout)
+            _log(stream, recordings, names)
+        except RuntimeError as error:
+            raise InputError(
+                f"Rerun's viewer did not start ({error}); add --save FILE.rrd and open that file "
+                "elsewhere"
+            ) from None
         stream.disconnect()
         return
     # Not straight to a file: Rerun would leave a torn one where the disk is full.
     memory = stream.memory_recording()
     stream.send_blueprint(layout, make_active=False, make_default=True)
-    _log(stream, recordings, names)
-    data = memory.drain_as_bytes()
-    stream.disconnect()
+    try:
+        _log(stream, recordings, names)
+    finally:
+        data = memory.drain_as_bytes()  # after an error, too: Rerun would warn of what it drops
+        stream.disconnect()
     if save is not None:
         write_atomically(save, data)
     if screenshot is not None:
@@ -72,6 +84,24 @@ def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[st
     for recording, name in zip(recordings, names, strict=True):
         log_recording(stream, recording, name)
     stream.flush()
+
+
+def _require_messages(recording: Recording) -> None:
+    if not any(recording.topics.values()):
+        reason = recording.problem or "it has no messages"
+        raise InputError(
+            f"{recording.path} holds nothing to show ({reason}); get it again, or record it anew"
+        )
+
+
+def _require_display() -> None:
+    # Rerun's viewer would end at once, and Rerun wait for it in vain, with pages of warnings.
+    variables = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    if sys.platform == "linux" and not any(map(os.environ.get, variables)):
+        raise InputError(
+            "there is no display to open Rerun on; add --save FILE.rrd or "
+            "--headless-screenshot FILE.png"
+        )
 
 
 def _check_targets(targets: list[Path], sources) -> None:
