@@ -79,6 +79,7 @@ class Reinforce:
         mu, sigma: (P,) float64 tensors.
         generation: updates so far.
         population: N; may be set to another number after any update.
+        learning_rate: step size of the next update; the settings' at first, may be set, too.
 
     Raises:
         InputError: a population that the settings cannot use.
@@ -96,6 +97,7 @@ class Reinforce:
         self.generation = 0
         self._candidates: torch.Tensor | None = None
         self.population = population
+        self.learning_rate = settings.learning_rate
         self.mu = torch.zeros(num_parameters, dtype=torch.float64)
         self.sigma = torch.full_like(self.mu, settings.sigma_start)
         self._adam_on(self.mu)
@@ -119,7 +121,7 @@ class Reinforce:
         mu.requires_grad_(False)
         self._adam = torch.optim.Adam(
             [mu],
-            lr=self.settings.learning_rate,
+            lr=self.learning_rate,
             betas=(0.99, 0.999),
             eps=1e-8,
             maximize=True,
@@ -157,6 +159,7 @@ class Reinforce:
             by_mu, by_sigma = reinforce_gradients(fitness, w, self.mu, self.sigma)
         if s.adam:
             self.mu.grad = by_mu
+            self._adam.param_groups[0]["lr"] = self.learning_rate
             self._adam.step()
             limit = s.sigma_change_max * self.sigma
             change = s.sigma_learning_rate * by_sigma
@@ -164,9 +167,9 @@ class Reinforce:
             decayed = s.sigma_decay * self.sigma
             self.sigma = torch.where(self.sigma > s.sigma_floor, decayed, self.sigma)
         else:
-            self.mu = self.mu + s.learning_rate * by_mu
+            self.mu = self.mu + self.learning_rate * by_mu
             # The paper does not say what keeps σ positive; a floor is the least that does.
-            self.sigma = torch.clamp(self.sigma + s.learning_rate * by_sigma, min=s.sigma_floor)
+            self.sigma = torch.clamp(self.sigma + self.learning_rate * by_sigma, min=s.sigma_floor)
         if not torch.isfinite(torch.stack([self.mu, self.sigma])).all():
             raise InputError(
                 f"the distribution is no longer finite after generation {self.generation}; use a "

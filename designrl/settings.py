@@ -50,17 +50,19 @@ PRESETS = {"published": PUBLISHED, "paper": PAPER}
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
 
-Schedule = tuple[tuple[int, int], ...]
+Schedule = tuple[tuple[int, float], ...]
 """A number for each generation: ((0, 1), (600, 4)) is 1 from generation 0 on and 4 from 600 on."""
 
-SCHEDULES = ("population", "rollouts")  # the settings that are schedules
+COUNTS = ("population", "rollouts")
+SCHEDULES = (*COUNTS, "learning_rate")  # the settings that are schedules
 
 
 @dataclass(frozen=True)
 class TrainSettings:
     """All that decides a run's result; the defaults are the paper's (section 4).
 
-    `population` and `rollouts` are schedules; a plain number is taken for all generations.
+    `population`, `rollouts` and `learning_rate` are schedules; a plain number is taken for all
+    generations.
     """
 
     experiment: str
@@ -97,8 +99,9 @@ class TrainSettings:
         default=None,
         metadata={"type": float, "help": "factor on σ per update (default: the preset's)"},
     )
-    learning_rate: float | None = field(
-        default=None, metadata={"type": float, "help": "step size of μ (default: the preset's)"}
+    learning_rate: Schedule | None = field(
+        default=None,
+        metadata={"help": "step size of μ; or a schedule, likewise (default: the preset's)"},
     )
     evaluate_every: int = field(default=25, metadata={"help": "generations between evaluations"})
     keep: str = field(
@@ -122,6 +125,8 @@ class TrainSettings:
             raise InputError(f"preset is {self.preset!r}; it must be one of {', '.join(PRESETS)}")
         if self.keep not in ("best", "mean"):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
+        if self.learning_rate is None:
+            object.__setattr__(self, "learning_rate", PRESETS[self.preset].learning_rate)
         for name in SCHEDULES:
             schedule = as_schedule(getattr(self, name))
             object.__setattr__(self, name, schedule)
@@ -137,7 +142,7 @@ class TrainSettings:
         ):
             if value is not None and value < 1:
                 raise InputError(f"{name} is {value}; it must be at least 1")
-        population, rollouts = (max(n for _, n in getattr(self, name)) for name in SCHEDULES)
+        population, rollouts = (max(n for _, n in getattr(self, name)) for name in COUNTS)
         for episodes, what in (
             (population * rollouts, "a generation (population times rollouts)"),
             (self.evaluation_episodes or 1, "an evaluation"),
@@ -146,8 +151,11 @@ class TrainSettings:
                 raise InputError(
                     f"{what} would be {episodes:,} episodes; it can be at most {MAX_EPISODES:,}"
                 )
-        for name in ("sigma_start", "sigma_decay", "learning_rate"):
-            value = getattr(self, name)
+        for name, value in (
+            ("sigma_start", self.sigma_start),
+            ("sigma_decay", self.sigma_decay),
+            *(("learning_rate", value) for _, value in self.learning_rate),
+        ):
             if value is not None and not 0 < value <= 10:  # false for NaN, too
                 raise InputError(
                     f"{name.replace('_', '-')} is {value}; it must be above 0 and at most 10"
@@ -158,8 +166,9 @@ class TrainSettings:
     @property
     def reinforce(self) -> ReinforceSettings:
         """The preset with this run's changes."""
-        names = ("sigma_start", "sigma_decay", "learning_rate")
+        names = ("sigma_start", "sigma_decay")
         changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        changes["learning_rate"] = self.learning_rate_at(0)
         return dataclasses.replace(PRESETS[self.preset], **changes)
 
     def population_at(self, generation: int) -> int:
@@ -170,6 +179,10 @@ class TrainSettings:
         """Episodes per candidate in a generation, counted from 0."""
         return _at(self.rollouts, generation)
 
+    def learning_rate_at(self, generation: int) -> float:
+        """Step size of the update that ends a generation, counted from 0."""
+        return _at(self.learning_rate, generation)
+
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""
         return json.loads(json.dumps(dataclasses.asdict(self)))
@@ -177,13 +190,12 @@ class TrainSettings:
 
 def as_schedule(value) -> Schedule:
     """A plain number, or pairs as JSON gives them, as a schedule."""
-    if isinstance(value, int):
-        return ((0, value),)
-    return tuple((int(start), int(count)) for start, count in value)
+    pairs = ((0, value),) if isinstance(value, int | float) else value
+    return tuple((int(start), n if isinstance(n, float) else int(n)) for start, n in pairs)
 
 
-def _at(schedule: Schedule, generation: int) -> int:
-    return [count for start, count in schedule if start <= generation][-1]
+def _at(schedule: Schedule, generation: int) -> int | float:
+    return [n for start, n in schedule if start <= generation][-1]
 
 
 def same_until(one: Schedule, other: Schedule, generation: int) -> bool:
@@ -216,9 +228,11 @@ def parse_schedule(name: str, text: str) -> Schedule:
     """
     try:
         first, *later = text.split(",")
-        pairs = [tuple(map(int, item.split(":"))) for item in later]
-        return ((0, int(first)), *((start, count) for start, count in pairs))
+        number = int if name in COUNTS else float
+        pairs = [item.split(":") for item in later]
+        return ((0, number(first)), *((int(start), number(n)) for start, n in pairs))
     except ValueError:
+        option = name.replace("_", "-")
         raise InputError(
-            f"{name} is {text!r}; write a number, or FIRST,GENERATION:NEXT as in 1,600:4"
+            f"{option} is {text!r}; write a number, or FIRST,GENERATION:NEXT as in 1,600:4"
         ) from None

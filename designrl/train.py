@@ -30,7 +30,14 @@ from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
-from designrl.settings import SCHEDULES, TrainSettings, as_schedule, format_schedule, same_until
+from designrl.settings import (
+    PRESETS,
+    SCHEDULES,
+    TrainSettings,
+    as_schedule,
+    format_schedule,
+    same_until,
+)
 from designrl.simulation import CandidateError, EpisodeRules, Simulator
 
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
@@ -122,7 +129,9 @@ class TrainingRun:
 
     def candidates(self) -> np.ndarray:
         """(N, P) candidates of the next generation."""
-        self.optimiser.population = self.settings.population_at(self.optimiser.generation)
+        generation = self.optimiser.generation
+        self.optimiser.population = self.settings.population_at(generation)
+        self.optimiser.learning_rate = self.settings.learning_rate_at(generation)
         return self.optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
 
     def simulator(self) -> Simulator:
@@ -359,6 +368,8 @@ class TrainingRun:
         try:
             observing = {name: self.settings.as_dict()[name] for name in OBSERVING_SETTINGS}
             found = {**metadata["settings"], **observing}
+            if found["learning_rate"] is None:  # as the first versions wrote it
+                found["learning_rate"] = PRESETS[found["preset"]].learning_rate
             schedules = {name: as_schedule(found[name]) for name in SCHEDULES}
             progress = _Progress(**metadata["progress"])
             if not all(v is None or math.isfinite(v) for v in vars(progress).values()):

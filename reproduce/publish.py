@@ -20,7 +20,14 @@ from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import Recording, read, thin
-from designrl.settings import PRESETS, PUBLISHED, SCHEDULES, as_schedule, describe_schedule
+from designrl.settings import (
+    COUNTS,
+    PRESETS,
+    PUBLISHED,
+    SCHEDULES,
+    as_schedule,
+    describe_schedule,
+)
 from reproduce import drawing, scores
 from reproduce.figure5 import curve
 
@@ -107,13 +114,19 @@ def learning_curve(log: Path, agent: Agent) -> Figure:
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
         axes.axhline(mean, label=f"paper: {mean}", **line)
-    changes = {g for name in SCHEDULES for g, _ in as_schedule(settings[name]) if g}
+    names = [name for name in SCHEDULES if settings[name] is not None]
+    changes = {g for name in names for g, _ in as_schedule(settings[name]) if g}
     for generation in sorted(g for g in changes if g <= generations[-1]):
         at = np.interp(generation, generations, steps)
-        now = [[n for g, n in as_schedule(settings[k]) if g <= generation][-1] for k in SCHEDULES]
+        population, rollouts, *rate = (
+            [n for g, n in as_schedule(settings[name]) if g <= generation][-1] for name in names
+        )
+        label = f" {population} × {rollouts} "
+        if rate and len(as_schedule(settings["learning_rate"])) > 1:
+            label += f"\n α {rate[0]:g} "
         axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
-            " {} × {} ".format(*now),
+            label,
             (at, 0.02),
             xycoords=("data", "axes fraction"),
             ha="left" if at < 0.9 * steps[-1] else "right",
@@ -143,13 +156,18 @@ def write_card(
     paper_mean, paper_std = scores.paper()["table3"][experiment.name]
     settings = m["settings"]
     kept = "mean of the distribution" if settings.get("keep") == "mean" else "best candidate"
-    population, rollouts = (describe_schedule(settings[name], done) for name in SCHEDULES)
+    population, rollouts = (describe_schedule(settings[name], done) for name in COUNTS)
+    preset = PRESETS[settings["preset"]]
     defaults = {
         "population": (population, experiment.population),
         "rollouts per candidate": (rollouts, experiment.rollouts),
         "generations": (done, experiment.generations),
+        "learning rate": (
+            describe_schedule(settings["learning_rate"] or preset.learning_rate, done),
+            PUBLISHED.learning_rate,
+        ),
         "σ decay per generation": (
-            settings["sigma_decay"] or PRESETS[settings["preset"]].sigma_decay,
+            settings["sigma_decay"] or preset.sigma_decay,
             PUBLISHED.sigma_decay,
         ),
         "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),

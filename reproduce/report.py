@@ -18,7 +18,13 @@ import numpy as np
 from designrl.checkpoint import file_hash, read_tensors, write_atomically
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
-from designrl.settings import SCHEDULES, TrainSettings, describe_schedule, format_schedule
+from designrl.settings import (
+    COUNTS,
+    SCHEDULES,
+    TrainSettings,
+    describe_schedule,
+    format_schedule,
+)
 from designrl.train import STATE_FORMAT
 from reproduce import build, figure5, scores, statistics, table3
 from reproduce.scores import Score
@@ -189,7 +195,7 @@ def train_command(settings: dict) -> str:
     default = TrainSettings(settings["experiment"]).as_dict()
     words = [f"designrl train {settings['experiment']}", f"--seed {settings['seed']}"]
     for name, value in settings.items():
-        if name in SCHEDULES:
+        if name in SCHEDULES and value is not None:
             value = format_schedule(value)
             default[name] = format_schedule(default[name])
         if name in ("experiment", "seed") or value is None or value == default.get(name):
@@ -225,7 +231,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
             log = scores.ROOT / "logs" / name / s.path.stem
             cost = progress(log)
             done = cost["generations"] if cost else settings["generations"]
-            population, rollouts = (describe_schedule(settings[name], done) for name in SCHEDULES)
+            population, rollouts = (describe_schedule(settings[name], done) for name in COUNTS)
             spent = ["no recording", "", ""]
             if cost:
                 spent = [

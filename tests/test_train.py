@@ -162,7 +162,7 @@ def test_the_recorded_command_gives_the_run_again(tmp_path):
     run = TrainingRun(settings(), tmp_path, backend="reference")
     assert run.command == (
         "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
-        "--preset published --evaluate-every 2 --keep best --evaluation-episodes 3"
+        "--preset published --learning-rate 0.01 --evaluate-every 2 --keep best --evaluation-episodes 3"
     )
 
 
@@ -253,6 +253,28 @@ def test_schedules_may_be_changed_for_generations_to_come(tmp_path):
     changed = train(tmp_path / "changed", resume=True, **new)
     straight = train(tmp_path / "straight", **new)
     np.testing.assert_array_equal(changed.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
+
+
+def test_the_learning_rate_follows_its_schedule(tmp_path):
+    schedule = parse_schedule("learning_rate", "0.01,2:0.002")
+    assert schedule == ((0, 0.01), (2, 0.002))
+    run = train(tmp_path, learning_rate=schedule)
+    mu = read(tmp_path / "generations.mcap").array("/distribution", "mu")
+    steps = np.abs(np.diff([*mu, run.optimiser.mu.numpy()], axis=0)).max(axis=1)
+    assert (steps[:2] > 0.009).all() and (steps[2:] < 0.005).all(), "Adam's step is the rate"
+    train(tmp_path / "stopped", generations=3)
+    with pytest.raises(InputError, match="learning_rate = 0.01, not 0.01,2:0.002"):
+        train(tmp_path / "stopped", learning_rate=schedule, resume=True)
+    train(tmp_path / "stopped", learning_rate=((0, 0.01), (3, 0.1)), resume=True)
+
+
+def test_a_state_of_the_first_versions_has_the_presets_learning_rate(tmp_path):
+    train(tmp_path, generations=2)
+    state = tmp_path / "state.safetensors"
+    tensors, metadata = read_tensors(state, STATE_FORMAT)
+    metadata["settings"]["learning_rate"] = None
+    write_tensors(state, tensors, metadata, STATE_FORMAT)
+    train(tmp_path, generations=3, resume=True)
 
 
 def test_wrong_settings_are_refused():
