@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import safetensors
 import safetensors.numpy
+from mcap.writer import MCAP0_MAGIC
 
 import designrl
 from designrl.errors import InputError
@@ -35,7 +36,6 @@ MENDS = {
     FORMAT: "get it again, or name another",
     STATE_FORMAT: "put a good copy back, or start again in another folder with --out",
 }
-MCAP_MAGIC = b"\x89MCAP0\r\n"
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
@@ -117,7 +117,7 @@ def _read_limited(path: Path) -> bytes:
             data = file.read(MAX_FILE_BYTES)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
-    if data.startswith(MCAP_MAGIC):
+    if data.startswith(MCAP0_MAGIC):
         raise InputError(
             f"{path} is a recording, not a checkpoint; open it with `designrl info` or "
             "`designrl replay`"

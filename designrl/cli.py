@@ -148,9 +148,11 @@ def _info(args) -> None:
 def _starts_as_mcap(path: str) -> bool:
     if not os.path.isfile(path):  # a pipe would be waited for
         return path.endswith(".mcap")
+    from mcap.writer import MCAP0_MAGIC
+
     try:
         with open(path, "rb") as file:
-            return file.read(8) == b"\x89MCAP0\r\n"
+            return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
     except OSError:
         return path.endswith(".mcap")
 

@@ -20,14 +20,7 @@ from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import Recording, read, thin
-from designrl.settings import (
-    COUNTS,
-    PRESETS,
-    PUBLISHED,
-    SCHEDULES,
-    as_schedule,
-    describe_schedule,
-)
+from designrl.settings import PUBLISHED, SCHEDULES, TrainSettings, describe_schedule
 from reproduce import drawing, scores
 from reproduce.figure5 import curve
 
@@ -94,7 +87,7 @@ def publish(run: Path, replace: bool = False) -> str:
 
 def learning_curve(log: Path, agent: Agent) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
-    experiment, settings = agent.experiment, agent.metadata["settings"]
+    experiment, settings = agent.experiment, TrainSettings(**agent.metadata["settings"])
     c = curve(log / "generations.mcap")
     figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
@@ -114,16 +107,12 @@ def learning_curve(log: Path, agent: Agent) -> Figure:
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
         axes.axhline(mean, label=f"paper: {mean}", **line)
-    names = [name for name in SCHEDULES if settings[name] is not None]
-    changes = {g for name in names for g, _ in as_schedule(settings[name]) if g}
+    changes = {g for name in SCHEDULES for g, _ in getattr(settings, name) if g}
     for generation in sorted(g for g in changes if g <= generations[-1]):
         at = np.interp(generation, generations, steps)
-        population, rollouts, *rate = (
-            [n for g, n in as_schedule(settings[name]) if g <= generation][-1] for name in names
-        )
-        label = f" {population} × {rollouts} "
-        if rate and len(as_schedule(settings["learning_rate"])) > 1:
-            label += f"\n α {rate[0]:g} "
+        label = f" {settings.population_at(generation)} × {settings.rollouts_at(generation)} "
+        if len(settings.learning_rate) > 1:
+            label += f"\n α {settings.learning_rate_at(generation):g} "
         axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
             label,
@@ -154,26 +143,24 @@ def write_card(
     result = scores.score(checkpoint, experiment.name)
     error = 1.96 * result.std / np.sqrt(len(result.returns))
     paper_mean, paper_std = scores.paper()["table3"][experiment.name]
-    settings = m["settings"]
-    kept = "mean of the distribution" if settings.get("keep") == "mean" else "best candidate"
-    population, rollouts = (describe_schedule(settings[name], done) for name in COUNTS)
-    preset = PRESETS[settings["preset"]]
+    settings = TrainSettings(**m["settings"])
+    kept = "mean of the distribution" if settings.keep == "mean" else "best candidate"
     defaults = {
-        "population": (population, experiment.population),
-        "rollouts per candidate": (rollouts, experiment.rollouts),
+        "population": (describe_schedule(settings.population, done), experiment.population),
+        "rollouts per candidate": (describe_schedule(settings.rollouts, done), experiment.rollouts),
         "generations": (done, experiment.generations),
         "learning rate": (
-            describe_schedule(settings["learning_rate"] or preset.learning_rate, done),
+            describe_schedule(settings.learning_rate, done),
             PUBLISHED.learning_rate,
         ),
         "σ decay per generation": (
-            settings["sigma_decay"] or preset.sigma_decay,
+            settings.reinforce.sigma_decay,
             PUBLISHED.sigma_decay,
         ),
         "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),
     }
     lines = [
-        f"# {experiment.title}, seed {settings['seed']}",
+        f"# {experiment.title}, seed {settings.seed}",
         "",
         f"({experiment.letter}) of Table 3; `{checkpoint.name}`, sha256 {file_hash(checkpoint)}.",
         "",

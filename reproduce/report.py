@@ -192,10 +192,11 @@ def answer() -> str:
 
 def train_command(settings: dict) -> str:
     """The command that trains with these settings."""
+    settings = TrainSettings(**settings).as_dict()
     default = TrainSettings(settings["experiment"]).as_dict()
     words = [f"designrl train {settings['experiment']}", f"--seed {settings['seed']}"]
     for name, value in settings.items():
-        if name in SCHEDULES and value is not None:
+        if name in SCHEDULES:
             value = format_schedule(value)
             default[name] = format_schedule(default[name])
         if name in ("experiment", "seed") or value is None or value == default.get(name):

@@ -162,7 +162,8 @@ def test_the_recorded_command_gives_the_run_again(tmp_path):
     run = TrainingRun(settings(), tmp_path, backend="reference")
     assert run.command == (
         "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
-        "--preset published --learning-rate 0.01 --evaluate-every 2 --keep best --evaluation-episodes 3"
+        "--preset published --learning-rate 0.01 --evaluate-every 2 --keep best "
+        "--evaluation-episodes 3"
     )
 
 
