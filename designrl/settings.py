@@ -187,6 +187,18 @@ class TrainSettings:
         """JSON-ready, the same after a round trip."""
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
+    def command(self, with_defaults: bool = True) -> str:
+        """A command that gives this run's result, with a folder and workers of one's own."""
+        words = [f"designrl train {self.experiment}", f"--seed {self.seed}"]
+        default = TrainSettings(self.experiment)
+        for name, value in vars(self).items():
+            if name in ("experiment", "seed") or value is None:
+                continue
+            if with_defaults or value != getattr(default, name):
+                text = format_schedule(value) if name in SCHEDULES else value
+                words.append(f"--{name.replace('_', '-')} {text}")
+        return " ".join(words)
+
 
 def as_schedule(value) -> Schedule:
     """A plain number, or pairs as JSON gives them, as a schedule."""

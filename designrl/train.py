@@ -332,7 +332,7 @@ class TrainingRun:
             "versions": json.dumps(checkpoint.versions(), sort_keys=True),
             "host": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
-            "command": self.command,
+            "command": self.settings.command(),
             "workers": f"Ray {self.ray}" if self.ray else str(self.workers),
         }
 
@@ -345,18 +345,6 @@ class TrainingRun:
             "versions": checkpoint.versions(),
         }
         self._snapshot = self.optimiser.state(), metadata
-
-    @property
-    def command(self) -> str:
-        """A command that gives this run's result, with a folder and workers of one's own."""
-        given = []
-        for setting in dataclasses.fields(self.settings):
-            value = getattr(self.settings, setting.name)
-            if setting.name in SCHEDULES:
-                value = format_schedule(value)
-            if setting.name != "experiment" and value is not None:
-                given.append(f"--{setting.name.replace('_', '-')} {value}")
-        return " ".join(["designrl train", self.experiment.name, *given])
 
     def _save_state(self) -> None:
         tensors, metadata = self._snapshot

@@ -20,10 +20,8 @@ from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.settings import (
     COUNTS,
-    SCHEDULES,
     TrainSettings,
     describe_schedule,
-    format_schedule,
 )
 from designrl.train import STATE_FORMAT
 from reproduce import build, figure5, scores, statistics, table3
@@ -190,21 +188,6 @@ def answer() -> str:
     return " ".join(sentences)
 
 
-def train_command(settings: dict) -> str:
-    """The command that trains with these settings."""
-    settings = TrainSettings(**settings).as_dict()
-    default = TrainSettings(settings["experiment"]).as_dict()
-    words = [f"designrl train {settings['experiment']}", f"--seed {settings['seed']}"]
-    for name, value in settings.items():
-        if name in SCHEDULES:
-            value = format_schedule(value)
-            default[name] = format_schedule(default[name])
-        if name in ("experiment", "seed") or value is None or value == default.get(name):
-            continue
-        words.append(f"--{name.replace('_', '-')} {value}")
-    return " ".join(words)
-
-
 def progress(log: Path) -> dict | None:
     """Generations, steps, wall and processor seconds of a run; None where it has no state."""
     try:
@@ -311,7 +294,8 @@ def origins(ours: dict[str, list[Score]]) -> str:
                 f"`designrl evaluate {shown} --episodes {scores.EPISODES} --seed {scores.SEED}`",
             ]
             if "settings" in m:
-                items.append(f"trained by `{train_command(m['settings'])}`")
+                settings = TrainSettings(**m["settings"])
+                items.append(f"trained by `{settings.command(with_defaults=False)}`")
                 items.append(
                     f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
                     f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then"

@@ -351,12 +351,6 @@ def test_report_of_a_project_with_a_run(project):
     assert build.make("report") is None
 
 
-def test_training_command_names_what_is_not_the_papers():
-    settings = TrainSettings("biped", seed=3, rollouts=((0, 1), (600, 4))).as_dict()
-    command = report.train_command(settings)
-    assert command == "designrl train biped --seed 3 --rollouts 1,600:4"
-
-
 def test_report_is_one_file_whose_links_lead_somewhere():
     page = (ROOT / "paper" / "report.html").read_text()
     assert "<script" not in page

@@ -158,13 +158,18 @@ def test_what_is_kept_may_change_when_a_run_is_resumed(tmp_path):
     np.testing.assert_array_equal(after.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
 
 
-def test_the_recorded_command_gives_the_run_again(tmp_path):
-    run = TrainingRun(settings(), tmp_path, backend="reference")
-    assert run.command == (
+def test_the_recorded_command_gives_the_run_again():
+    assert settings().command() == (
         "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
         "--preset published --learning-rate 0.01 --evaluate-every 2 --keep best "
         "--evaluation-episodes 3"
     )
+
+
+def test_a_short_command_names_what_is_not_the_papers():
+    ours = TrainSettings("biped", seed=3, rollouts=((0, 1), (600, 4)))
+    command = ours.command(with_defaults=False)
+    assert command == "designrl train biped --seed 3 --rollouts 1,600:4"
 
 
 def test_a_folder_with_a_run_is_not_overwritten(undisturbed, tmp_path):
