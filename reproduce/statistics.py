@@ -80,12 +80,12 @@ def compare(without: np.ndarray, with_: np.ndarray) -> dict:
 
 
 def verdict(c: dict) -> str:
-    """What a comparison says, in words."""
+    """What a comparison says, in words; of few runs the bootstrap alone claims too much."""
     if np.isnan(c["p"]):
         return "too few runs to tell"
-    if c["difference_low"] > 0:
-        return "higher"
-    return "lower" if c["difference_high"] < 0 else "undecided"
+    if c["p"] >= 0.05 or c["difference_low"] <= 0 <= c["difference_high"]:
+        return "undecided"
+    return "higher" if c["difference"] > 0 else "lower"
 
 
 def interval(low: float, high: float, shape: str = "{:.0f}") -> str:
@@ -159,8 +159,9 @@ def write_pairs(means: dict[str, dict[str, np.ndarray]]) -> list[Path]:
             "Probability of improvement: that a run with a learned body scores above one without, "
             "ties counted half. p: two-sided permutation test of the difference. Where every run "
             "of one side beats every run of the other, the bootstrap cannot see beyond 100 %; p "
-            "says how unlikely that is by chance. Small legs trade score for a smaller body, so "
-            "for them the question is what that costs.",
+            "says how unlikely that is by chance. Higher or lower: the interval lies on one side "
+            "of 0 and p is below 0.05, out of reach for three runs against three. Small legs trade "
+            "score for a smaller body, so for them the question is what that costs.",
             "The paper's runs are the printed ones of Table 4, rounded to whole points.",
             scoring_note(),
         ],

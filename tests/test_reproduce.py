@@ -239,6 +239,14 @@ def test_comparison_of_equal_runs_is_undecided_and_of_single_runs_has_no_interva
     assert np.isnan(single["p"]) and statistics.verdict(single) == "too few runs to tell"
 
 
+@pytest.mark.parametrize(("runs", "said"), [(3, "undecided"), (4, "lower")])
+def test_three_runs_against_three_decide_nothing(runs, said):
+    without = np.arange(runs) + 10.0
+    few = statistics.compare(without, without - 5.0)
+    assert few["difference_high"] < 0, "the bootstrap alone would decide"
+    assert statistics.verdict(few) == said
+
+
 # ---------------------------------------------------------------------------------------- figures
 
 
