@@ -118,10 +118,11 @@ def draw(panels, experiment: str, label: str, colour: str) -> list[str]:
         best = np.maximum.accumulate(c.scores)
         for column, at in enumerate(c.at):
             above, below = panels[0, column], panels[1, column]
-            above.fill_between(
-                at, c.mean - 2 * c.sd, c.mean + 2 * c.sd, color=colour, alpha=0.2, linewidth=0
-            )
-            above.plot(at, c.mean, color=colour, linewidth=0.8, label=name)
+            # Thousands of generations a run are megabytes as vectors: pixels within the picture.
+            band = {"color": colour, "rasterized": True}
+            low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
+            above.fill_between(at, low, high, alpha=0.2, linewidth=0, **band)
+            above.plot(at, c.mean, linewidth=0.8, label=name, **band)
             below.plot(at[c.tested], c.scores, ".", color=colour, markersize=2, alpha=0.6)
             below.step(at[c.tested], best, where="post", color=colour, label=name)
     return missing
