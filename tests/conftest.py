@@ -1,4 +1,5 @@
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,9 @@ from designrl.checkpoint import load
 
 ROOT = Path(__file__).resolve().parents[1]
 ZOO = Path(os.environ.get("DESIGNRL_ZOO", ROOT / "../shared/zoo"))
+
+# A script's background process ignores Ctrl-C, and its children do; the tests of it need it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
