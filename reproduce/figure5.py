@@ -116,13 +116,13 @@ def draw(panels, experiment: str, label: str, colour: str) -> list[str]:
             continue
         name = None if number else f"{label} ({c.episodes} episodes an evaluation)"
         best = np.maximum.accumulate(c.scores)
+        low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
+        # Thousands of generations a run would be megabytes as vectors.
+        pixels = {"color": colour, "rasterized": True}
         for column, at in enumerate(c.at):
             above, below = panels[0, column], panels[1, column]
-            # Thousands of generations a run are megabytes as vectors: pixels within the picture.
-            band = {"color": colour, "rasterized": True}
-            low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
-            above.fill_between(at, low, high, alpha=0.2, linewidth=0, **band)
-            above.plot(at, c.mean, linewidth=0.8, label=name, **band)
+            above.fill_between(at, low, high, alpha=0.2, linewidth=0, **pixels)
+            above.plot(at, c.mean, linewidth=0.8, label=name, **pixels)
             below.plot(at[c.tested], c.scores, ".", color=colour, markersize=2, alpha=0.6)
             below.step(at[c.tested], best, where="post", color=colour, label=name)
     return missing

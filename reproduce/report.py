@@ -18,11 +18,7 @@ import numpy as np
 from designrl.checkpoint import file_hash, read_tensors, write_atomically
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
-from designrl.settings import (
-    COUNTS,
-    TrainSettings,
-    describe_schedule,
-)
+from designrl.settings import COUNTS, TrainSettings, describe_schedule
 from designrl.train import STATE_FORMAT
 from reproduce import build, figure5, scores, statistics, table3
 from reproduce.scores import Score
