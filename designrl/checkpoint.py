@@ -101,7 +101,8 @@ def write_atomically(path: str | Path, data: bytes) -> None:
             os.close(folder)
     except OSError as error:
         raise InputError(
-            f"{path} cannot be written ({error.strerror}); free some space or choose another place"
+            f"{path} cannot be written ({error.strerror}); free some space, allow writing there or "
+            "choose another place"
         ) from None
 
 
@@ -116,7 +117,9 @@ def _read_limited(path: Path) -> bytes:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES)
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); check the name") from None
+        raise InputError(
+            f"{path} cannot be read ({error.strerror}); check its name and permissions"
+        ) from None
     if data.startswith(MCAP0_MAGIC):
         raise InputError(
             f"{path} is a recording, not a checkpoint; open it with `designrl info` or "

@@ -123,11 +123,14 @@ def _import(args) -> None:
 
 def _record(args) -> None:
     from designrl.checkpoint import load
+    from designrl.evaluation import check_episodes, episode_seeds
     from designrl.recording import record_rollout
 
     if Path(args.output).exists():
         raise InputError(f"{args.output} exists already; remove it or choose another name")
-    score = record_rollout(load(args.file, args.experiment), args.output, args.seed)
+    check_episodes(args.episode + 1, args.seed)
+    seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
+    score = record_rollout(load(args.file, args.experiment), args.output, seed)
     print(f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}")
 
 
@@ -135,6 +138,8 @@ def _replay(args) -> None:
     from designrl.viewer import replay
 
     replay(args.files, save=args.save, screenshot=args.headless_screenshot)
+    for path in filter(None, (args.save, args.headless_screenshot)):
+        print(f"{path} written")
 
 
 def _info(args) -> None:
@@ -239,6 +244,13 @@ def _parser() -> argparse.ArgumentParser:
     record = command("record", _record, "roll out once and record it for Rerun")
     agent_file(record)
     record.add_argument("-o", "--output", required=True, metavar="FILE.mcap")
+    record.add_argument(
+        "--episode",
+        type=int,
+        default=0,
+        metavar="N",
+        help="which of the episodes that `designrl evaluate --json` lists, from 0 (default: 0)",
+    )
 
     replay = command("replay", _replay, "open recordings in Rerun")
     replay.add_argument("files", nargs="+", metavar="FILE.mcap", help="recordings or run folders")

@@ -54,6 +54,15 @@ def episode_seeds(seed: int, count: int) -> np.ndarray:
     return np.random.SeedSequence(seed).generate_state(count).astype(np.int64)
 
 
+def check_episodes(episodes: int, seed: int) -> None:
+    """Raise InputError where `evaluate` cannot take these."""
+    if not 1 <= episodes <= MAX_EPISODES or seed < 0:
+        raise InputError(
+            f"an evaluation needs 1 to {MAX_EPISODES:,} episodes and a seed of at least 0, got "
+            f"{episodes} and {seed}"
+        )
+
+
 def evaluate(
     agent: Agent,
     episodes: int = 100,
@@ -76,11 +85,7 @@ def evaluate(
     Raises:
         InputError: episodes, seed, workers or backend out of range.
     """
-    if not 1 <= episodes <= MAX_EPISODES or seed < 0:
-        raise InputError(
-            f"an evaluation needs 1 to {MAX_EPISODES:,} episodes and a seed of at least 0, got "
-            f"{episodes} and {seed}"
-        )
+    check_episodes(episodes, seed)
     start = time.perf_counter()
     with Simulator(agent.experiment, backend, agent.network, lidar, workers) as simulator:
         result = simulator.rollout(

@@ -156,14 +156,14 @@ def get_experiment(name: str | Experiment) -> Experiment:
     """The experiment of that name.
 
     Raises:
-        InputError: unknown name; the message suggests the nearest one.
+        InputError: unknown name; the message suggests one of a like name, if any.
     """
     if isinstance(name, Experiment):
         return name
     if name in EXPERIMENTS:
         return EXPERIMENTS[name]
-    near = difflib.get_close_matches(str(name), EXPERIMENTS, n=1, cutoff=0.0)[0]
+    near = difflib.get_close_matches(str(name), EXPERIMENTS, n=1)
+    guess = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
-        f"unknown experiment {name!r}; did you mean {near!r}? "
-        "(`designrl experiments` lists all eight)"
+        f"unknown experiment {name!r}; {guess}(`designrl experiments` lists all eight)"
     )

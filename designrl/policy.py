@@ -98,6 +98,7 @@ class Agent:
         usable = np.abs(self.parameters) <= np.finfo(np.float32).max  # false for NaN
         if not usable.all():
             raise InputError(f"parameter {int(np.argmin(usable))} is not a finite float32 number")
+        self._observations = self.network.sizes[0] - (self.network.time_scale is not None)
         self._layers = split_layers(self.network, self.parameters.astype(np.float32))
         self._noise_std = (
             np.exp(0.5 * self.parameters[: self.network.num_parameters][-self.network.sizes[-1] :])
@@ -128,8 +129,16 @@ class Agent:
         """Action (A,) float32 for an observation (O,) at step t, counted from 0.
 
         Sums run over the inputs in order, in float32; see the module's text for why.
+
+        Raises:
+            InputError: an observation of another environment.
         """
         x = np.asarray(observation, dtype=np.float32)
+        if x.shape != (self._observations,):
+            raise InputError(
+                f"the observation has shape {x.shape}, this agent takes ({self._observations},); "
+                f"step {self.experiment.env_id}"
+            )
         if self.network.time_scale is not None:
             x = np.append(x, np.float32(t / self.network.time_scale))
         noise = None

@@ -82,7 +82,7 @@ class Reinforce:
         learning_rate: step size of the next update; the settings' at first, may be set, too.
 
     Raises:
-        InputError: a population that the settings cannot use.
+        InputError: no parameters, or a population that the settings cannot use.
     """
 
     def __init__(
@@ -92,6 +92,8 @@ class Reinforce:
         settings: ReinforceSettings = PUBLISHED,
         seed: int = 0,
     ):
+        if num_parameters < 1:
+            raise InputError(f"there are {num_parameters} parameters to learn; give at least 1")
         self.settings = settings
         self.seed = seed
         self.generation = 0

@@ -4,7 +4,8 @@ Above the population's mean return ± 2 standard deviations, as training sees it
 each evaluated agent and of the best one so far, without training's changes of the reward. Over
 generations, environment steps and core-hours. Reads logs/EXPERIMENT/seed*/ (recordings, and the
 states for the processor time) and paper/paper.toml. Writes paper/figures/figure5.svg, .pdf and
-.png; and the curves of the flat walkers and of the ants in the same way, curves.* and curves_ant.*.
+.png; and in the same way those of the flat walkers, of the walkers that are rewarded for smaller
+legs and of the ants: curves.*, curves_smaller_leg.* and curves_ant.*.
 
     make reproduce-figure5
 """
@@ -177,18 +178,22 @@ def figure_of(rows: dict[str, tuple[str, str]], paper_marks: bool, solved: bool 
 
 def main() -> list[Path]:
     """Draw the figures; returns their files."""
-    flat, ants = {}, {}
-    colours = (drawing.ORIGINAL, drawing.LEARNED, drawing.THIRD)
+    flat, small, ants = {}, {}, {}
+    colours = (drawing.ORIGINAL, drawing.LEARNED)
     for name, experiment in EXPERIMENTS.items():
-        # Runs with smaller legs are evaluated, as in 2018, with their reward factor.
-        label = experiment.title + (", with its factor" if experiment.leg_area_reward else "")
         if not experiment.is_walker:
-            ants[name] = (label, colours[len(ants)])
+            group = ants
+        elif experiment.leg_area_reward:  # evaluated, as in 2018, with their reward factor
+            group = small
         elif not experiment.hardcore:
-            flat[name] = (label, colours[len(flat)])
+            group = flat
+        else:
+            continue
+        group[name] = (experiment.title, colours[len(group)])
     return [
         *drawing.save(figure_of(HARDCORE, paper_marks=True), "figure5"),
         *drawing.save(figure_of(flat, paper_marks=False), "curves"),
+        *drawing.save(figure_of(small, paper_marks=False, solved=False), "curves_smaller_leg"),
         *drawing.save(figure_of(ants, paper_marks=False, solved=False), "curves_ant"),
     ]
 

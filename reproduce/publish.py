@@ -1,6 +1,7 @@
 """Publish a training run: its checkpoint and card to pretrained/, its recordings to logs/.
 
     python -m reproduce.publish runs/biped-morphology/seed0
+    python -m reproduce.publish --cards     # all cards anew, from what is published
 
 logs/EXPERIMENT/seedK is a run's folder itself, with generations dropped (never rounded) and three
 of its rollouts: copy it to runs/EXPERIMENT/seedK and `designrl train EXPERIMENT ... --resume` goes
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 
 from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS
 from designrl.policy import Agent
 from designrl.recording import Recording, read, thin
 from designrl.settings import PUBLISHED, SCHEDULES, TrainSettings, describe_schedule
@@ -30,15 +32,28 @@ KEPT_GENERATIONS = 80  # about as many stay in a published recording
 def main(argv: list[str] | None = None) -> None:
     """Publish the run in a folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("run", type=Path, help="the run's folder")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("run", type=Path, nargs="?", help="the run's folder")
+    what.add_argument("--cards", action="store_true", help="write all published runs' cards anew")
     parser.add_argument(
         "--replace", action="store_true", help="also where the published agent scored higher"
     )
     args = parser.parse_args(argv)
     try:
+        if args.cards:
+            for name in EXPERIMENTS:
+                for checkpoint in scores.pretrained(name):
+                    card, picture = write_card(checkpoint, log_of(checkpoint))
+                    print(f"{card} and {picture} written")
+            return
         print(publish(args.run, args.replace))
     except (InputError, OSError) as error:
         sys.exit(f"publish: {error}")
+
+
+def log_of(checkpoint: Path) -> Path:
+    """Where the run of one of our checkpoints is published."""
+    return scores.ROOT / "logs" / checkpoint.parent.name / checkpoint.stem
 
 
 def publish(run: Path, replace: bool = False) -> str:
@@ -47,14 +62,14 @@ def publish(run: Path, replace: bool = False) -> str:
     Raises:
         InputError: the run is damaged or worse than what is published; nothing has been changed.
     """
-    tensors, state = read_tensors(run / "state.safetensors", STATE_FORMAT)
+    read_tensors(run / "state.safetensors", STATE_FORMAT)  # refuses a damaged one
     agent = load(run / "best.safetensors")
     recording = read(run / "generations.mcap")
     if len(recording.generations) == 0:
         raise InputError(f"{recording.path} holds no generation; train further")
     experiment, seed = agent.experiment.name, agent.metadata["seed"]
     checkpoint = scores.ROOT / "pretrained" / experiment / f"seed{seed}.safetensors"
-    log = scores.ROOT / "logs" / experiment / f"seed{seed}"
+    log = log_of(checkpoint)
     if run.resolve() == log.resolve():
         raise InputError(f"{run} is what is published; copy it to runs/ and go on there")
     rollouts = sorted((run / "rollouts").glob("*.mcap"))
@@ -79,16 +94,14 @@ def publish(run: Path, replace: bool = False) -> str:
         shutil.copyfile(path, log / "rollouts" / path.name)
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(run / "best.safetensors", checkpoint)
-    picture = checkpoint.with_suffix(".png")
-    learning_curve(log, agent).savefig(picture, dpi=150, metadata={"Software": None})
-    card = write_card(checkpoint, agent, int(tensors["generation"]), state, recording)
+    card, picture = write_card(checkpoint, log)
     return f"{checkpoint}, {card}, {picture} and {log} written"
 
 
-def learning_curve(log: Path, agent: Agent) -> Figure:
+def learning_curve(recording: Recording, agent: Agent) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
     experiment, settings = agent.experiment, TrainSettings(**agent.metadata["settings"])
-    c = curve(log / "generations.mcap")
+    c = curve(recording.path)
     figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
     generations, steps, _ = c.at
@@ -107,16 +120,17 @@ def learning_curve(log: Path, agent: Agent) -> Figure:
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
         axes.axhline(mean, label=f"paper: {mean}", **line)
-    changes = {g for name in SCHEDULES for g, _ in getattr(settings, name) if g}
-    for generation in sorted(g for g in changes if g <= generations[-1]):
+    changes = {g for name in SCHEDULES for g, _ in getattr(settings, name)}
+    for i, generation in enumerate(sorted(g for g in changes if g <= generations[-1])):
         at = np.interp(generation, generations, steps)
         label = f" {settings.population_at(generation)} × {settings.rollouts_at(generation)} "
         if len(settings.learning_rate) > 1:
             label += f"\n α {settings.learning_rate_at(generation):g} "
-        axes.axvline(at, color=drawing.GREY, linewidth=0.5)
+        if generation:
+            axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
             label,
-            (at, 0.02),
+            (at, 0.02 + 0.12 * (i % 2)),  # neighbours one above the other
             xycoords=("data", "axes fraction"),
             ha="left" if at < 0.9 * steps[-1] else "right",
             fontsize=6,
@@ -135,11 +149,21 @@ def _notes(card: Path) -> list[str]:
     return ["", "## Notes", text.rstrip("\n")] if heading else []
 
 
-def write_card(
-    checkpoint: Path, agent: Agent, done: int, state: dict, recording: Recording
-) -> Path:
-    """Write what a reader must know of a checkpoint beside it; `done` generations were trained."""
+def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
+    """Write what a reader must know of a checkpoint beside it, and its run's learning curve.
+
+    Args:
+        checkpoint: its card's notes, if any, stay.
+        log: the published run.
+
+    Returns: the card and the picture.
+    """
+    agent, recording = load(checkpoint), read(log / "generations.mcap")
+    tensors, state = read_tensors(log / "state.safetensors", STATE_FORMAT)
+    picture = checkpoint.with_suffix(".png")
+    learning_curve(recording, agent).savefig(picture, dpi=150, metadata={"Software": None})
     experiment, m, cost = agent.experiment, agent.metadata, state["progress"]
+    done = int(tensors["generation"])
     result = scores.score(checkpoint, experiment.name)
     error = 1.96 * result.std / np.sqrt(len(result.returns))
     paper_mean, paper_std = scores.paper()["table3"][experiment.name]
@@ -196,7 +220,7 @@ def write_card(
     card = checkpoint.with_suffix(".md")
     lines += _notes(card)
     card.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return card
+    return card, picture
 
 
 if __name__ == "__main__":

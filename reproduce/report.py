@@ -40,13 +40,21 @@ CAPTIONS = {
     "below, evaluated agents, and the best one so far. Dashed: 300 points, solved. Dotted: when "
     "the paper's runs had solved it.",
     "curves": "The same curves for the walkers on flat terrain.",
+    "curves_smaller_leg": "The same curves for the walkers that are rewarded for smaller legs; "
+    "their points are those of training's reward, with the factor for the legs' area.",
     "curves_ant": "The same curves for the ants.",
     "figure6": "Walkers rewarded for smaller legs, on flat terrain above, hardcore below.",
     "figure7": "Further designs: of each experiment another run than in the figures before.",
 }
+CURVES = {
+    "curves": "Curves on flat terrain",
+    "curves_smaller_leg": "Curves of the walkers with smaller legs",
+    "curves_ant": "Curves of the ants",
+}
 MADE_BY = {
     "intervals": "statistics",
     "curves": "figure5",
+    "curves_smaller_leg": "figure5",
     "curves_ant": "figure5",
 }  # of another item
 
@@ -131,9 +139,7 @@ def table(name: str) -> str:
 
 def figure(name: str) -> str:
     """A figure with its caption and origin."""
-    title = {"curves": "Curves on flat terrain", "curves_ant": "Curves of the ants"}.get(
-        name, f"Figure {name[-1]}"
-    )
+    title = CURVES.get(name, f"Figure {name[-1]}")
     caption = CAPTIONS[name]
     image = f"![{title}: {caption}](figures/{name}.png)"
     return f"### {title}\n\n{image}\n\n{caption}\n\n{origin_line(name)}"

@@ -10,6 +10,8 @@ them.
     make reproduce-statistics
 """
 
+import itertools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -49,14 +51,21 @@ def probability_of_improvement(without: np.ndarray, with_: np.ndarray) -> np.nda
 
 
 def permutation_p(without: np.ndarray, with_: np.ndarray) -> float:
-    """Two-sided p of the difference of means when runs are dealt out anew (Monte Carlo)."""
-    rng = np.random.default_rng(0)
+    """Two-sided p of the difference of means when runs are dealt out anew.
+
+    Of all ways to deal them, or where these are more than RESAMPLES, of so many by chance.
+    """
     together = np.concatenate([without, with_])
-    dealt = rng.permuted(np.broadcast_to(together, (RESAMPLES, len(together))), axis=1)
-    n = len(without)
+    n, m = len(without), len(with_)
+    observed = abs(with_.mean() - without.mean()) - 1e-9
+    if math.comb(n + m, n) <= RESAMPLES:
+        first = together[np.array(list(itertools.combinations(range(n + m), n)))].sum(axis=1)
+        differences = np.abs((together.sum() - first) / m - first / n)
+        return float((differences >= observed).mean())
+    rng = np.random.default_rng(0)
+    dealt = rng.permuted(np.broadcast_to(together, (RESAMPLES, n + m)), axis=1)
     differences = np.abs(dealt[:, n:].mean(axis=1) - dealt[:, :n].mean(axis=1))
-    observed = abs(with_.mean() - without.mean())
-    return float((1 + (differences >= observed - 1e-9).sum()) / (1 + RESAMPLES))
+    return float((1 + (differences >= observed).sum()) / (1 + RESAMPLES))
 
 
 def compare(without: np.ndarray, with_: np.ndarray) -> dict:

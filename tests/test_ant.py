@@ -318,7 +318,8 @@ def test_wrong_arguments_are_refused():
     with pytest.raises(ValueError, match="render_mode"):
         Ant(render_mode="human")
     env.reset(seed=0)
-    for action in (np.zeros(7), np.full(8, np.nan)):
+    wrong = (np.zeros(7), np.full(8, np.nan), np.zeros((8, 1)), 0.0, None, ["a"] * 8)
+    for action in wrong:
         with pytest.raises(ValueError, match="8 finite numbers"):
             env.unwrapped.step(action)
 

@@ -94,6 +94,16 @@ def test_record_and_info_of_a_rollout(checkpoint, tmp_path, capsys):
     assert "exists already" in refused(capsys, "record", checkpoint, "-o", tmp_path / "r.mcap")
 
 
+def test_record_takes_an_episode_of_an_evaluation(checkpoint, tmp_path, capsys):
+    main(["evaluate", str(checkpoint), "--episodes", "3", "--seed", "5", "--json"])
+    scores = json.loads(capsys.readouterr().out)["scores"]
+    words = ["record", str(checkpoint), "--seed", "5", "-o", str(tmp_path / "r.mcap"), "--episode"]
+    main([*words, "2"])
+    assert f"one episode, {scores[2]:.1f} points" in capsys.readouterr().out
+    (tmp_path / "r.mcap").unlink()
+    assert "needs 1 to" in refused(capsys, *words, "-1")
+
+
 def test_bad_input_is_one_sentence_and_exit_code_2(checkpoint, tmp_path, capsys):
     (tmp_path / "cut.safetensors").write_bytes(checkpoint.read_bytes()[:1000])
     (tmp_path / "text.safetensors").write_text("hello")

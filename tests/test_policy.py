@@ -100,3 +100,13 @@ def test_a_network_of_another_experiment_is_refused():
 def test_an_unknown_experiment_is_answered_with_the_nearest_name():
     with pytest.raises(InputError, match="did you mean 'biped-hardcore'"):
         get_experiment("biped-hardcor")
+    with pytest.raises(InputError, match="unknown experiment 'xx'; \\(`designrl experiments`"):
+        get_experiment("xx")
+
+
+def test_an_observation_of_another_environment_is_refused():
+    for name, wrong in (("biped", 23), ("ant", 29)):
+        agent = Agent(get_experiment(name), np.zeros(get_experiment(name).num_parameters))
+        agent.reset(0)
+        with pytest.raises(InputError, match=rf"shape \({wrong},\)"):
+            agent.act(np.zeros(wrong))

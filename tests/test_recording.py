@@ -250,11 +250,13 @@ def test_a_killed_process_leaves_a_readable_file(tmp_path):
     assert np.array_equal(recording.generations, np.arange(len(recording.generations)))
 
 
-def test_an_interrupt_waits_until_the_record_is_whole(tmp_path, monkeypatch):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupt_waits_until_the_record_is_whole(number, tmp_path, monkeypatch):
     path, pwrite = tmp_path / "run.mcap", os.pwrite
+    before = signal.signal(number, signal.default_int_handler)  # as `designrl train` does
 
     def interrupted(*arguments):
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         return pwrite(*arguments)
 
     with RunWriter(path, {"experiment": EXPERIMENT.name}) as writer:
@@ -264,6 +266,7 @@ def test_an_interrupt_waits_until_the_record_is_whole(tmp_path, monkeypatch):
             with pytest.raises(KeyboardInterrupt):
                 writer.flush()
             monkeypatch.setattr(os, "pwrite", pwrite)
+    signal.signal(number, before)
     recording = read(path)
     assert recording.complete and recording.generations.tolist() == [0, 1, 2, 3]
     with path.open("rb") as file:

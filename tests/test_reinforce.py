@@ -135,6 +135,8 @@ def test_a_generation_is_a_function_of_seed_and_generation():
 
 
 def test_wrong_input_is_refused():
+    with pytest.raises(InputError, match="0 parameters"):
+        Reinforce(0)
     with pytest.raises(InputError, match="even"):
         Reinforce(3, population=5)
     optimiser = Reinforce(3, population=4)

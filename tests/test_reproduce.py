@@ -1,5 +1,6 @@
 """Tables, figures and report: committed ones match their inputs, new ones follow theirs."""
 
+import csv
 import html
 import json
 import os
@@ -82,6 +83,25 @@ def test_committed_output_belongs_to_its_inputs(name):
     mend = f"run `make reproduce-{name}` (or `make reproduce`) and commit paper/"
     assert kept["inputs"] == build.inputs(build.load(name)), mend
     assert kept["outputs"] == build.hashes([ROOT / path for path in kept["outputs"]]), mend
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_committed_cards_say_what_their_runs_say(name, tmp_path, monkeypatch):
+    with (ROOT / "paper" / "tables" / "table3.csv").open() as file:
+        [row] = [row for row in csv.DictReader(file) if row["experiment"] == name]
+    means, stds = (
+        list(map(float, row[column].split())) for column in ("our_means", "our_stds_over_rollouts")
+    )
+    for path, mean, std in zip(scores.pretrained(name), means, stds, strict=True):
+        # Returns of the mean and deviation that the table has, without a hundred episodes.
+        returns = mean + std * np.repeat([-1.0, 1.0], scores.EPISODES // 2)
+        monkeypatch.setattr(scores, "score", lambda *_, r=returns: scores.Score(Path(), returns=r))
+        copy = tmp_path / path.name
+        shutil.copyfile(path, copy)
+        shutil.copyfile(path.with_suffix(".md"), copy.with_suffix(".md"))
+        card, _ = publish.write_card(copy, publish.log_of(path))
+        written = path.with_suffix(".md").read_text()
+        assert card.read_text() == written, f"write the card of {path} again"
 
 
 def test_committed_outputs_are_made_without_the_authors_weights():
@@ -237,6 +257,13 @@ def test_comparison_of_equal_runs_is_undecided_and_of_single_runs_has_no_interva
     assert statistics.verdict(same) == "undecided" and same["p"] > 0.05
     single = statistics.compare(np.array([1.0]), np.array([2.0]))
     assert np.isnan(single["p"]) and statistics.verdict(single) == "too few runs to tell"
+
+
+def test_few_runs_are_dealt_out_in_all_ways():
+    low, high = np.arange(3.0), np.arange(3.0) + 10
+    assert statistics.permutation_p(low, high) == 2 / 20  # the two ways that part them wholly
+    assert statistics.permutation_p(np.zeros(1), np.arange(1.0, 4)) == 2 / 4  # 0 or 3 alone
+    assert statistics.permutation_p(low, low) == 1
 
 
 @pytest.mark.parametrize(("runs", "said"), [(3, "undecided"), (4, "lower")])

@@ -239,7 +239,9 @@ def test_wrong_input_is_refused():
         with pytest.raises(InputError, match="candidate 1: parameter 0 is not a finite"):
             simulator.rollout([[0.0] * 2804, [np.nan] * 2804], [[0], [0]])
     with pytest.raises(InputError, match="lidar"):
-        Simulator("ant", lidar="v9")
+        Simulator("biped", lidar="v9")
+    with pytest.raises(InputError, match="ant has no LIDAR"):
+        Simulator("ant", lidar="v3")
     with pytest.raises(InputError, match="does not have the network"):
         Simulator("biped", network=PUBLISHED_ANT_NETWORK)
     agent = Agent(get_experiment("biped"), np.zeros(2804))

@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -143,6 +144,22 @@ def test_a_recording_that_was_cut_is_replayed(folder, tmp_path):
     assert not read(tmp_path / "cut.mcap").complete
     viewer.replay([tmp_path / "cut.mcap"], save=tmp_path / "cut.rrd")
     assert "/cut/figure/mean/hull" in logged(tmp_path / "cut.rrd")
+
+
+def test_a_folder_is_replayed_without_its_torn_file(folder, tmp_path, capsys):
+    run = tmp_path / "run"
+    shutil.copytree(folder, run)
+    torn = run / "rollouts" / "generation00005.mcap"
+    torn.write_bytes(b"torn")
+    viewer.replay([run], save=tmp_path / "run.rrd")
+    assert f"not shown: {torn}" in capsys.readouterr().err
+    assert "/generations/figure/mean/hull" in logged(tmp_path / "run.rrd")
+    with pytest.raises(InputError, match="generation00005"):
+        viewer.replay([run, torn], save=tmp_path / "both.rrd")
+    for path in run.rglob("*.mcap"):
+        path.write_bytes(b"torn")
+    with pytest.raises(InputError, match="is not an MCAP file"):
+        viewer.replay([run], save=tmp_path / "none.rrd")
 
 
 def test_a_recording_with_nothing_left_says_why(folder, tmp_path, capfd):

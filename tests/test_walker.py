@@ -9,6 +9,7 @@ from stable_baselines3 import PPO
 import designrl  # noqa: F401
 from designrl.design import WALKER, leg_area_reward_factor
 from designrl.envs.walker import PARTS
+from designrl.errors import InputError
 
 IDS = ("designrl/BipedalWalker-v0", "designrl/BipedalWalkerHardcore-v0")
 LONG_LEGS = np.array([0.3, 1.6, 0.25, 1.3, 0.3, 1.4, 0.25, 0.6])
@@ -150,8 +151,9 @@ def test_wrong_arguments_are_refused():
         gymnasium.make(IDS[0], lidar="v4")
     env = gymnasium.make(IDS[0])
     env.reset(seed=0)
-    for action in (np.zeros(2), np.zeros(12), np.float64(0.0), np.array([0, 0, np.nan, 0])):
-        with pytest.raises(ValueError, match="four finite numbers"):
+    wrong = (np.zeros(2), np.zeros(12), np.float64(0.0), [0, 0, np.nan, 0], None, ["a"] * 4)
+    for action in wrong:
+        with pytest.raises(InputError, match="4 finite numbers"):
             env.unwrapped.step(action)
     with pytest.raises(ValueError, match="'desing'"):
         env.reset(options={"desing": np.ones(8)})

@@ -14,6 +14,7 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
 from designrl.design import ANT, ANT_LEGS
+from designrl.envs.action import checked_action
 from designrl.envs.ant_body import COLORS, JOINTS, PARTS, TORSO_HEIGHT, leg_capsules, mjcf
 from designrl.errors import InputError
 
@@ -245,9 +246,7 @@ class Ant(gymnasium.Env, EzPickle):
         Raises:
             InputError: an action that is not 8 finite numbers.
         """
-        actions = np.asarray(action, dtype=np.float64).tolist()
-        if len(actions) != len(JOINTS) or not math.isfinite(sum(actions)):
-            raise InputError(f"an action of the ant is {len(JOINTS)} finite numbers, got {action}")
+        actions = checked_action(action, len(JOINTS)).tolist()
         self.torques = tuple([MOTOR_TORQUE * min(max(a, -1.0), 1.0) for a in actions])
         pybullet.setJointMotorControlArray(
             self._ant,

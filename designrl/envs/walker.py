@@ -14,6 +14,7 @@ from gymnasium.envs.box2d.bipedal_walker import (
 from gymnasium.utils import EzPickle
 
 from designrl.design import WALKER, leg_area_reward_factor
+from designrl.envs.action import checked_action
 from designrl.errors import InputError
 
 PARTS = ("hull", "top leg 1", "bottom leg 1", "top leg 2", "bottom leg 2")
@@ -229,10 +230,12 @@ class Walker(BipedalWalker):
         return super().reset(seed=seed)
 
     def step(self, action):
-        """One 50th of a second; rewards are float64 whatever the action's type."""
-        action = np.asarray(action, dtype=np.float64)
-        if action.shape != (4,) or not np.isfinite(action).all():
-            raise InputError(f"an action must be four finite numbers, got {action}")
+        """One 50th of a second; rewards are float64 whatever the action's type.
+
+        Raises:
+            InputError: an action that is not four finite numbers.
+        """
+        action = checked_action(action, len(JOINTS))
         observation, reward, terminated, truncated, info = super().step(action)
         x, tilt = self.hull.position[0], abs(self.hull.angle)
         terms = dict.fromkeys(REWARD_TERMS, 0.0)

@@ -34,14 +34,14 @@ class RecordingError(InputError):
 
 @contextlib.contextmanager
 def uninterrupted():
-    """Ctrl-C and a polite kill wait until the block is done, lest they tear a record."""
+    """Ctrl-C, a polite kill and a closed terminal wait for the block, lest they tear a record."""
     if threading.current_thread() is not threading.main_thread():
         yield  # signals reach the main thread only
         return
     held: list[int] = []
     handlers = {
         number: signal.signal(number, lambda number, frame: held.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     }
     try:
         yield
@@ -102,8 +102,8 @@ class McapFile:
         # Neither a file of before nor what was sealed of this one is harmed.
         intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
         return RecordingError(
-            f"{self.path} cannot be written ({error.strerror}); free some space or choose another "
-            f"place{intact}"
+            f"{self.path} cannot be written ({error.strerror}); free some space, allow writing "
+            f"there or choose another place{intact}"
         )
 
     @property

@@ -165,10 +165,11 @@ def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = N
     Args:
         agent: a `designrl.policy.Agent`.
         path: the file to write.
-        seed: of the environment and of the policy's noise.
+        seed: of the environment and of the policy's noise; `designrl.evaluation.episode_seeds`
+            has those of an evaluation.
         metadata: what else to say of it.
 
-    Returns: the score, the same as `designrl evaluate` gives for that seed.
+    Returns: the score, without any training-time change of the reward.
 
     Raises:
         InputError: the seed is negative.

@@ -149,7 +149,9 @@ def scan(path: str | Path) -> Scan:
                 raise RecordingError(f"{path} is not an MCAP file; name a recording")
             found.problem = _scan_records(file, size, found)
     except OSError as error:
-        raise RecordingError(f"{path} cannot be read ({error.strerror}); check the name") from None
+        raise RecordingError(
+            f"{path} cannot be read ({error.strerror}); check its name and permissions"
+        ) from None
     return found
 
 

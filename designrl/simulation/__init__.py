@@ -91,6 +91,8 @@ class Simulator:
         if lidar not in ("v2", "v3"):
             raise InputError(f'lidar is {lidar!r}; it must be "v2" (the paper\'s) or "v3"')
         self.experiment = get_experiment(experiment)
+        if lidar != "v2" and not self.experiment.is_walker:
+            raise InputError(f"{self.experiment.name} has no LIDAR; leave out lidar={lidar!r}")
         self.network = network or self.experiment.network
         if self.network not in self.experiment.networks:
             raise InputError(f"{self.experiment.name} does not have the network {self.network}")

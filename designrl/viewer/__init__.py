@@ -41,10 +41,8 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
     """
     paths = list(paths)
     _check_targets([Path(path) for path in (save, screenshot) if path is not None], paths)
-    recordings = [read(path) for path in find_recordings(paths)]
+    recordings = _read_usable(paths)
     names = unique_names([recording.path for recording in recordings])
-    for recording in recordings:
-        _require_messages(recording)
     layout = blueprint(recordings, names)
     if save is None and screenshot is None:
         _require_display()
@@ -84,6 +82,25 @@ def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[st
     for recording, name in zip(recordings, names, strict=True):
         log_recording(stream, recording, name)
     stream.flush()
+
+
+def _read_usable(paths: list) -> list[Recording]:
+    """The recordings; of a folder's, those that can be read, and a sentence for each other."""
+    recordings, last = [], None
+    for path in find_recordings(paths):
+        try:
+            recording = read(path)
+            _require_messages(recording)
+        except InputError as error:
+            if path in map(Path, paths):
+                raise
+            print(f"not shown: {error}", file=sys.stderr)
+            last = error
+        else:
+            recordings.append(recording)
+    if last and not recordings:
+        raise last
+    return recordings
 
 
 def _require_messages(recording: Recording) -> None:
