@@ -19,8 +19,7 @@ from matplotlib.figure import Figure
 
 from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
-from designrl.policy import Agent
+from designrl.experiments import EXPERIMENTS, Experiment
 from designrl.recording import Recording, read, thin
 from designrl.settings import PUBLISHED, SCHEDULES, TrainSettings, describe_schedule
 from reproduce import drawing, scores
@@ -98,9 +97,8 @@ def publish(run: Path, replace: bool = False) -> str:
     return f"{checkpoint}, {card}, {picture} and {log} written"
 
 
-def learning_curve(recording: Recording, agent: Agent) -> Figure:
+def learning_curve(recording: Recording, experiment: Experiment, settings: TrainSettings) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
-    experiment, settings = agent.experiment, TrainSettings(**agent.metadata["settings"])
     c = curve(recording.path)
     figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
@@ -161,13 +159,15 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
     agent, recording = load(checkpoint), read(log / "generations.mcap")
     tensors, state = read_tensors(log / "state.safetensors", STATE_FORMAT)
     picture = checkpoint.with_suffix(".png")
-    learning_curve(recording, agent).savefig(picture, dpi=150, metadata={"Software": None})
+    settings = TrainSettings(**state["settings"])  # the agent's own may be older
+    learning_curve(recording, agent.experiment, settings).savefig(
+        picture, dpi=150, metadata={"Software": None}
+    )
     experiment, m, cost = agent.experiment, agent.metadata, state["progress"]
     done = int(tensors["generation"])
     result = scores.score(checkpoint, experiment.name)
     error = 1.96 * result.std / np.sqrt(len(result.returns))
     paper_mean, paper_std = scores.paper()["table3"][experiment.name]
-    settings = TrainSettings(**m["settings"])
     kept = "mean of the distribution" if settings.keep == "mean" else "best candidate"
     defaults = {
         "population": (describe_schedule(settings.population, done), experiment.population),

@@ -493,6 +493,18 @@ def test_thinning_drops_generations_and_rounds_nothing(run, tmp_path):
     assert thinned.metadata == whole.metadata
 
 
+def test_designs_are_thinned_a_tenth_as_much(run, tmp_path):
+    thin(run, tmp_path / "thin.mcap", every=60)
+    thinned = read(tmp_path / "thin.mcap")
+    assert thinned.array("/distribution", "generation").tolist() == [0, 11]
+    assert thinned.array("/design", "generation").tolist() == [0, 6, 11]
+    assert len(thinned.array("/summary", "generation")) == 12
+    # Of a run that went on from a thinned one, the next that is there stands for a missing one.
+    thin(tmp_path / "thin.mcap", tmp_path / "again.mcap", every=20)
+    again = read(tmp_path / "again.mcap")
+    assert again.array("/design", "generation").tolist() == [0, 6, 11]
+
+
 def test_only_runs_are_thinned(rollout, tmp_path):
     with pytest.raises(RecordingError, match="holds no generations"):
         thin(rollout, tmp_path / "thin.mcap", every=2)

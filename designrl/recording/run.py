@@ -2,6 +2,7 @@
 
 import sys
 import time
+from bisect import bisect_left
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from designrl.recording.mcap_file import (
 )
 from designrl.recording.scan import messages, scan
 
-HEAVY_TOPICS = ("/distribution", "/returns")  # all but a hundredth of a run's bytes
+# Nearly all of a run's bytes, and of how many times as many generations a thinned copy has them.
+HEAVY_TOPICS = {"/distribution": 1, "/returns": 1, "/design": 10}
 
 
 class RunWriter:
@@ -211,6 +213,13 @@ def _gap(held: set[int], stop: int) -> str:
     return f"{len(missing)} of the generations {missing[0]} to {missing[-1]} are missing"
 
 
+def _every_nth(held: list[int], step: int) -> set[int]:
+    """Of generations in order, the first at or after each multiple of `step`, and the last."""
+    if not held:
+        return set()
+    return {held[bisect_left(held, g)] for g in range(0, held[-1] + 1, step)} | {held[-1]}
+
+
 def _copy(target: McapFile, source: Path, keep) -> None:
     """Copy metadata and the messages for which keep(topic, generation) holds."""
     found = scan(source)
@@ -233,11 +242,11 @@ def _copy(target: McapFile, source: Path, keep) -> None:
 
 
 def thin(source: str | Path, target: str | Path, every: int) -> None:
-    """Copy a run's recording with the distributions and returns of only some generations.
+    """Copy a run's recording with the distributions, returns and designs of only some generations.
 
-    Kept are those of every `every`-th generation and of the last; summaries, designs and
-    evaluations of all generations. Nothing is rounded. The metadata record "thinned" says what was
-    done.
+    Kept are the distributions and returns of every `every`-th generation (where that is missing, of
+    the next) and of the last, ten times as many designs, and summaries and evaluations of all
+    generations. Nothing is rounded. The metadata record "thinned" says what was done.
 
     Raises:
         RecordingError: a file cannot be read or written, or is not of a run; `every` is under 1.
@@ -245,21 +254,27 @@ def thin(source: str | Path, target: str | Path, every: int) -> None:
     if every < 1:
         raise RecordingError(f"every is {every}; keep every 1st generation or fewer")
     found = scan(source)
-    topics = {channel.topic: channel.id for channel in found.channels.values()}
-    chosen = {m.sequence for m in messages(found, {topics.get("/summary")})}
-    if not chosen:
+    topics = {number: channel.topic for number, channel in found.channels.items()}
+    held: dict[str, set[int]] = {topic: set() for topic in ("/summary", *HEAVY_TOPICS)}
+    for message in messages(found, {n for n, topic in topics.items() if topic in held}):
+        held[topics[message.channel_id]].add(message.sequence)
+    if not held["/summary"]:
         raise RecordingError(f"{source} holds no generations; name a run's generations.mcap")
-    kept = {g for g in chosen if g % every == 0} | {min(chosen), max(chosen)}
+    kept = {
+        topic: _every_nth(sorted(held[topic]), max(1, every // times))
+        for topic, times in HEAVY_TOPICS.items()
+    }
     file = McapFile(target)
     try:
-        _copy(file, Path(source), lambda topic, g: topic not in HEAVY_TOPICS or g in kept)
+        _copy(file, Path(source), lambda topic, g: topic not in kept or g in kept[topic])
         values = {
             "every": every,
-            "topics": HEAVY_TOPICS,
-            "kept_generations": len(kept),
-            "of_generations": len(chosen),
-            "note": "these topics have the first, the last and every Nth generation; the other "
-            "topics are complete, and nothing is rounded",
+            "topics": list(HEAVY_TOPICS),
+            "kept_generations": len(kept["/distribution"]),
+            "kept_designs": len(kept["/design"]),
+            "of_generations": len(held["/summary"]),
+            "note": "these topics have the first, the last and every Nth generation, /design ten "
+            "times as many; the other topics are complete, and nothing is rounded",
         }
         file.metadata(THINNED, values)
         for name, end in found.metadata:
