@@ -141,8 +141,6 @@ class CompiledAgent(Agent):
         )
 
     def _forward(self, x, noise):
-        if x.shape != (self.network.sizes[0],):  # NumPy would say so
-            raise InputError(f"the policy takes {self.network.sizes[0]} inputs, got {x.shape}")
         x = np.ascontiguousarray(x)
         action = np.empty(self.network.sizes[-1], dtype=np.float32)
         self._act(
