@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from designrl.checkpoint import read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
-from designrl.recording import read
+from designrl.recording import Recording, read
 from designrl.train import STATE_FORMAT
 from reproduce import build, drawing, scores
 
@@ -66,20 +66,19 @@ def core_hours_per_second(folder: Path) -> float:
     return progress["cpu_seconds"] / progress["seconds"] / 3600
 
 
-def curve(path: Path) -> Curve:
-    """The learning curve in a recording.
+def curve(recording: Recording) -> Curve:
+    """The learning curve in the recording of a run, beside which the run's state lies.
 
     Raises:
-        InputError: it cannot be read, or holds no generation.
+        InputError: the recording holds no generation, or the state cannot be read.
     """
-    recording = read(path)
     summary = {
         name: recording.array("/summary", name)
         for name in ("generation", "mean", "sd", "total_steps", "seconds")
     }
     if len(summary["mean"]) == 0:
-        raise InputError(f"{path} holds no generation; train further")
-    hours = summary["seconds"] * core_hours_per_second(path.parent)
+        raise InputError(f"{recording.path} holds no generation; train further")
+    hours = summary["seconds"] * core_hours_per_second(recording.path.parent)
     has_tests = recording.topics.get("/evaluation")
     tested = recording.array("/evaluation", "generation") if has_tests else np.empty(0, np.uint32)
     return Curve(
@@ -111,7 +110,7 @@ def draw(panels, experiment: str, label: str, colour: str) -> list[str]:
     missing = [] if recordings(experiment) else [f"{label}: no recording yet"]
     for number, path in enumerate(recordings(experiment)):
         try:
-            c = curve(path)
+            c = curve(read(path))
         except (InputError, KeyError, ZeroDivisionError) as error:
             missing.append(f"{label}, {path.parent.name}: not drawn ({error})")
             continue

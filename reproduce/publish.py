@@ -42,17 +42,12 @@ def main(argv: list[str] | None = None) -> None:
         if args.cards:
             for name in EXPERIMENTS:
                 for checkpoint in scores.pretrained(name):
-                    card, picture = write_card(checkpoint, log_of(checkpoint))
+                    card, picture = write_card(checkpoint, scores.log_of(checkpoint))
                     print(f"{card} and {picture} written")
             return
         print(publish(args.run, args.replace))
     except (InputError, OSError) as error:
         sys.exit(f"publish: {error}")
-
-
-def log_of(checkpoint: Path) -> Path:
-    """Where the run of one of our checkpoints is published."""
-    return scores.ROOT / "logs" / checkpoint.parent.name / checkpoint.stem
 
 
 def publish(run: Path, replace: bool = False) -> str:
@@ -68,7 +63,7 @@ def publish(run: Path, replace: bool = False) -> str:
         raise InputError(f"{recording.path} holds no generation; train further")
     experiment, seed = agent.experiment.name, agent.metadata["seed"]
     checkpoint = scores.ROOT / "pretrained" / experiment / f"seed{seed}.safetensors"
-    log = log_of(checkpoint)
+    log = scores.log_of(checkpoint)
     if run.resolve() == log.resolve():
         raise InputError(f"{run} is what is published; copy it to runs/ and go on there")
     rollouts = sorted((run / "rollouts").glob("*.mcap"))
@@ -99,7 +94,7 @@ def publish(run: Path, replace: bool = False) -> str:
 
 def learning_curve(recording: Recording, experiment: Experiment, settings: TrainSettings) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
-    c = curve(recording.path)
+    c = curve(recording)
     figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
     generations, steps, _ = c.at

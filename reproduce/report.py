@@ -18,6 +18,7 @@ import numpy as np
 from designrl.checkpoint import file_hash, read_tensors, write_atomically
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
+from designrl.recording import read
 from designrl.settings import COUNTS, TrainSettings, describe_schedule
 from designrl.train import STATE_FORMAT
 from reproduce import build, figure5, scores, statistics, table3
@@ -53,9 +54,7 @@ CURVES = {
 }
 MADE_BY = {
     "intervals": "statistics",
-    "curves": "figure5",
-    "curves_smaller_leg": "figure5",
-    "curves_ant": "figure5",
+    **dict.fromkeys(CURVES, "figure5"),
 }  # of another item
 
 
@@ -191,10 +190,11 @@ def answer() -> str:
 
 
 def progress(log: Path) -> dict | None:
-    """Generations, steps, wall and processor seconds of a run; None where it has no state."""
+    """Generations, settings, steps and seconds of a run; None where it has no state."""
     try:
         tensors, state = read_tensors(log / "state.safetensors", STATE_FORMAT)
-        return {"generations": int(tensors["generation"]), **state["progress"]}
+        generations = int(tensors["generation"])
+        return {"generations": generations, "settings": state["settings"], **state["progress"]}
     except (InputError, KeyError):
         return None
 
@@ -213,9 +213,9 @@ def costs(ours: dict[str, list[Score]]) -> str:
         for s in found:
             if s.problem or "settings" not in s.agent.metadata:
                 continue
-            settings = s.agent.metadata["settings"]
-            log = scores.ROOT / "logs" / name / s.path.stem
+            log = scores.log_of(s.path)
             cost = progress(log)
+            settings = (cost or s.agent.metadata)["settings"]  # the agent's own may be older
             done = cost["generations"] if cost else settings["generations"]
             population, rollouts = (describe_schedule(settings[name], done) for name in COUNTS)
             spent = ["no recording", "", ""]
@@ -228,7 +228,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
             solved = [""] * 2
             if e.is_walker and not e.leg_area_reward and (log / "generations.mcap").exists():
                 try:
-                    c = figure5.curve(log / "generations.mcap")
+                    c = figure5.curve(read(log / "generations.mcap"))
                     i = figure5.solved_at(c)
                     solved = (
                         ["not yet", ""]

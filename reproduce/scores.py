@@ -109,6 +109,11 @@ def pretrained(experiment: str) -> list[Path]:
     return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
+def log_of(checkpoint: Path) -> Path:
+    """Where the run of one of our checkpoints is published."""
+    return ROOT / "logs" / checkpoint.parent.name / checkpoint.stem
+
+
 def published_name(experiment: str, run: int = 1) -> str:
     """The file of one of the author's runs, seen from a zoo folder."""
     first, more = PUBLISHED_FILES[experiment]

@@ -17,6 +17,7 @@ from designrl.design import WALKER
 from designrl.evaluation import Evaluation
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
+from designrl.recording import read
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import (
@@ -99,7 +100,7 @@ def test_committed_cards_say_what_their_runs_say(name, tmp_path, monkeypatch):
         copy = tmp_path / path.name
         shutil.copyfile(path, copy)
         shutil.copyfile(path.with_suffix(".md"), copy.with_suffix(".md"))
-        card, _ = publish.write_card(copy, publish.log_of(path))
+        card, _ = publish.write_card(copy, scores.log_of(path))
         written = path.with_suffix(".md").read_text()
         assert card.read_text() == written, f"write the card of {path} again"
 
@@ -310,7 +311,7 @@ def test_learning_curve_is_the_recordings(project):
         "biped", generations=4, population=4, rollouts=((0, 1),), evaluate_every=2
     )
     TrainingRun(settings, folder).run()
-    c = figure5.curve(folder / "generations.mcap")
+    c = figure5.curve(read(folder / "generations.mcap"))
     assert c.at[0].tolist() == [0, 1, 2, 3] and c.tested.tolist() == [1, 3]
     assert (np.diff(c.at[1:]) > 0).all() and c.episodes == 4
     assert figure5.solved_at(c) is None

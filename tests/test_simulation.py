@@ -239,7 +239,7 @@ def test_wrong_input_is_refused():
         with pytest.raises(InputError, match="candidate 1: parameter 0 is not a finite"):
             simulator.rollout([[0.0] * 2804, [np.nan] * 2804], [[0], [0]])
     with pytest.raises(InputError, match="lidar"):
-        Simulator("biped", lidar="v9")
+        Simulator("ant", lidar="v9")
     with pytest.raises(InputError, match="ant has no LIDAR"):
         Simulator("ant", lidar="v3")
     with pytest.raises(InputError, match="does not have the network"):
