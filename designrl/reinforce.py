@@ -79,7 +79,7 @@ class Reinforce:
         mu, sigma: (P,) float64 tensors.
         generation: updates so far.
         population: N; may be set to another number after any update.
-        learning_rate: step size of the next update; the settings' at first, may be set, too.
+        learning_rate, sigma_decay: of the next update; the settings' at first, may be set, too.
 
     Raises:
         InputError: no parameters, or a population that the settings cannot use.
@@ -100,6 +100,7 @@ class Reinforce:
         self._candidates: torch.Tensor | None = None
         self.population = population
         self.learning_rate = settings.learning_rate
+        self.sigma_decay = settings.sigma_decay
         self.mu = torch.zeros(num_parameters, dtype=torch.float64)
         self.sigma = torch.full_like(self.mu, settings.sigma_start)
         self._adam_on(self.mu)
@@ -166,7 +167,7 @@ class Reinforce:
             limit = s.sigma_change_max * self.sigma
             change = s.sigma_learning_rate * by_sigma
             self.sigma = self.sigma + torch.clamp(change, -limit, limit)
-            decayed = s.sigma_decay * self.sigma
+            decayed = self.sigma_decay * self.sigma
             self.sigma = torch.where(self.sigma > s.sigma_floor, decayed, self.sigma)
         else:
             self.mu = self.mu + self.learning_rate * by_mu

@@ -54,15 +54,16 @@ Schedule = tuple[tuple[int, float], ...]
 """A number for each generation: ((0, 1), (600, 4)) is 1 from generation 0 on and 4 from 600 on."""
 
 COUNTS = ("population", "rollouts")
-SCHEDULES = (*COUNTS, "learning_rate")  # the settings that are schedules
+RATES = ("learning_rate", "sigma_decay")
+SCHEDULES = (*COUNTS, *RATES)  # the settings that are schedules
 
 
 @dataclass(frozen=True)
 class TrainSettings:
     """All that decides a run's result; the defaults are the paper's (section 4).
 
-    `population`, `rollouts` and `learning_rate` are schedules; a plain number is taken for all
-    generations.
+    `population`, `rollouts`, `learning_rate` and `sigma_decay` are schedules; a plain number is
+    taken for all generations.
     """
 
     experiment: str
@@ -95,9 +96,12 @@ class TrainSettings:
     sigma_start: float | None = field(
         default=None, metadata={"type": float, "help": "σ at the start (default: the preset's)"}
     )
-    sigma_decay: float | None = field(
+    sigma_decay: Schedule | None = field(
         default=None,
-        metadata={"type": float, "help": "factor on σ per update (default: the preset's)"},
+        metadata={
+            "help": "factor on σ per update, above 1 to widen it; or a schedule, likewise "
+            "(default: the preset's)"
+        },
     )
     learning_rate: Schedule | None = field(
         default=None,
@@ -125,8 +129,9 @@ class TrainSettings:
             raise InputError(f"preset is {self.preset!r}; it must be one of {', '.join(PRESETS)}")
         if self.keep not in ("best", "mean"):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
-        if self.learning_rate is None:
-            object.__setattr__(self, "learning_rate", PRESETS[self.preset].learning_rate)
+        for name in RATES:
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, getattr(PRESETS[self.preset], name))
         for name in SCHEDULES:
             schedule = as_schedule(getattr(self, name))
             object.__setattr__(self, name, schedule)
@@ -153,8 +158,7 @@ class TrainSettings:
                 )
         for name, value in (
             ("sigma_start", self.sigma_start),
-            ("sigma_decay", self.sigma_decay),
-            *(("learning_rate", value) for _, value in self.learning_rate),
+            *((rate, value) for rate in RATES for _, value in getattr(self, rate)),
         ):
             if value is not None and not 0 < value <= 10:  # false for NaN, too
                 raise InputError(
@@ -166,9 +170,9 @@ class TrainSettings:
     @property
     def reinforce(self) -> ReinforceSettings:
         """The preset with this run's changes."""
-        names = ("sigma_start", "sigma_decay")
-        changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        changes["learning_rate"] = self.learning_rate_at(0)
+        changes = {name: _at(getattr(self, name), 0) for name in RATES}
+        if self.sigma_start is not None:
+            changes["sigma_start"] = self.sigma_start
         return dataclasses.replace(PRESETS[self.preset], **changes)
 
     def population_at(self, generation: int) -> int:
@@ -182,6 +186,10 @@ class TrainSettings:
     def learning_rate_at(self, generation: int) -> float:
         """Step size of the update that ends a generation, counted from 0."""
         return _at(self.learning_rate, generation)
+
+    def sigma_decay_at(self, generation: int) -> float:
+        """Factor on σ in the update that ends a generation, counted from 0."""
+        return _at(self.sigma_decay, generation)
 
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""

@@ -32,6 +32,7 @@ from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
 from designrl.settings import (
     PRESETS,
+    RATES,
     SCHEDULES,
     TrainSettings,
     as_schedule,
@@ -132,6 +133,7 @@ class TrainingRun:
         generation = self.optimiser.generation
         self.optimiser.population = self.settings.population_at(generation)
         self.optimiser.learning_rate = self.settings.learning_rate_at(generation)
+        self.optimiser.sigma_decay = self.settings.sigma_decay_at(generation)
         return self.optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
 
     def simulator(self) -> Simulator:
@@ -356,8 +358,9 @@ class TrainingRun:
         try:
             observing = {name: self.settings.as_dict()[name] for name in OBSERVING_SETTINGS}
             found = {**metadata["settings"], **observing}
-            if found["learning_rate"] is None:  # as the first versions wrote it
-                found["learning_rate"] = PRESETS[found["preset"]].learning_rate
+            for name in RATES:
+                if found[name] is None:  # as earlier versions wrote it
+                    found[name] = getattr(PRESETS[found["preset"]], name)
             schedules = {name: as_schedule(found[name]) for name in SCHEDULES}
             progress = _Progress(**metadata["progress"])
             if not all(v is None or math.isfinite(v) for v in vars(progress).values()):

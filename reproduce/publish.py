@@ -119,6 +119,8 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
         label = f" {settings.population_at(generation)} × {settings.rollouts_at(generation)} "
         if len(settings.learning_rate) > 1:
             label += f"\n α {settings.learning_rate_at(generation):g} "
+        if len(settings.sigma_decay) > 1:
+            label += f"\n σ × {settings.sigma_decay_at(generation):g} "
         if generation:
             axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
@@ -173,7 +175,7 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
             PUBLISHED.learning_rate,
         ),
         "σ decay per generation": (
-            settings.reinforce.sigma_decay,
+            describe_schedule(settings.sigma_decay, done),
             PUBLISHED.sigma_decay,
         ),
         "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),

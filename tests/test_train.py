@@ -274,11 +274,27 @@ def test_the_learning_rate_follows_its_schedule(tmp_path):
     train(tmp_path / "stopped", learning_rate=((0, 0.01), (3, 0.1)), resume=True)
 
 
-def test_a_state_of_the_first_versions_has_the_presets_learning_rate(tmp_path):
+def test_sigma_follows_the_schedule_of_its_decay(tmp_path):
+    schedule = parse_schedule("sigma_decay", "0.9,2:1.25")
+    run = train(tmp_path, sigma_decay=schedule)
+    sigma = read(tmp_path / "generations.mcap").array("/distribution", "sigma")
+    sigma = np.array([*sigma, run.optimiser.sigma.numpy()])
+    # The published rule moves single σ as well, by some per mille in a generation.
+    np.testing.assert_allclose(
+        np.median(sigma[1:] / sigma[:-1], axis=1), [0.9, 0.9, 1.25, 1.25, 1.25], rtol=0.01
+    )
+    train(tmp_path / "changed", sigma_decay=0.9, generations=2)
+    changed = train(tmp_path / "changed", sigma_decay=schedule, resume=True)
+    np.testing.assert_array_equal(changed.optimiser.sigma.numpy(), run.optimiser.sigma.numpy())
+    with pytest.raises(InputError, match="sigma_decay = 0.9,2:1.25, not 0.9"):
+        train(tmp_path / "changed", sigma_decay=0.9, generations=6, resume=True)
+
+
+def test_a_state_of_earlier_versions_has_the_presets_rates(tmp_path):
     train(tmp_path, generations=2)
     state = tmp_path / "state.safetensors"
     tensors, metadata = read_tensors(state, STATE_FORMAT)
-    metadata["settings"]["learning_rate"] = None
+    metadata["settings"] |= {"learning_rate": None, "sigma_decay": None}
     write_tensors(state, tensors, metadata, STATE_FORMAT)
     train(tmp_path, generations=3, resume=True)
 
