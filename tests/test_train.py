@@ -161,8 +161,8 @@ def test_what_is_kept_may_change_when_a_run_is_resumed(tmp_path):
 def test_the_recorded_command_gives_the_run_again():
     assert settings().command() == (
         "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
-        "--preset published --learning-rate 0.01 --evaluate-every 2 --keep best "
-        "--evaluation-episodes 3"
+        "--preset published --sigma-decay 0.9995 --learning-rate 0.01 --evaluate-every 2 "
+        "--keep best --evaluation-episodes 3"
     )
 
 
