@@ -70,7 +70,7 @@ def plan(run: TrainingRun) -> Plan:
     for start, end in zip(starts, [*starts[1:], settings.generations], strict=True):
         start, end = max(start, first), min(end, settings.generations)
         if start < end:
-            count = settings.population_at(start) * settings.rollouts_at(start)
+            count = settings.at("population", start) * settings.at("rollouts", start)
             times = end // settings.evaluate_every - start // settings.evaluate_every
             times += end == settings.generations and end % settings.evaluate_every != 0
             training += (end - start) * count
@@ -79,7 +79,7 @@ def plan(run: TrainingRun) -> Plan:
     candidates = run.candidates()
     backend, speed, length = _simulation_speed(run, candidates)
     spec = gymnasium.spec(run.experiment.env_id)
-    episodes = settings.population_at(first) * settings.rollouts_at(first)
+    episodes = settings.at("population", first) * settings.at("rollouts", first)
     with tempfile.TemporaryDirectory(prefix="designrl-") as folder:
         # Of a generation with as many episodes as the first; others take in proportion.
         fixed, each = _recording_bytes(run, Path(folder))
@@ -118,7 +118,7 @@ def _recording_bytes(run: TrainingRun, folder: Path) -> tuple[float, float]:
     """Bytes that a generation takes for its distribution, and for its episodes."""
     rng = np.random.default_rng(0)
     first = run.optimiser.generation
-    n, r = run.settings.population_at(first), run.settings.rollouts_at(first)
+    n, r = run.settings.at("population", first), run.settings.at("rollouts", first)
     size = run.experiment.num_parameters
 
     def measure(rollouts: int) -> float:

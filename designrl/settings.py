@@ -170,26 +170,14 @@ class TrainSettings:
     @property
     def reinforce(self) -> ReinforceSettings:
         """The preset with this run's changes."""
-        changes = {name: _at(getattr(self, name), 0) for name in RATES}
+        changes = {name: self.at(name, 0) for name in RATES}
         if self.sigma_start is not None:
             changes["sigma_start"] = self.sigma_start
         return dataclasses.replace(PRESETS[self.preset], **changes)
 
-    def population_at(self, generation: int) -> int:
-        """Candidates in a generation, counted from 0."""
-        return _at(self.population, generation)
-
-    def rollouts_at(self, generation: int) -> int:
-        """Episodes per candidate in a generation, counted from 0."""
-        return _at(self.rollouts, generation)
-
-    def learning_rate_at(self, generation: int) -> float:
-        """Step size of the update that ends a generation, counted from 0."""
-        return _at(self.learning_rate, generation)
-
-    def sigma_decay_at(self, generation: int) -> float:
-        """Factor on σ in the update that ends a generation, counted from 0."""
-        return _at(self.sigma_decay, generation)
+    def at(self, name: str, generation: int) -> int | float:
+        """What one of the SCHEDULES says of a generation, counted from 0."""
+        return _at(getattr(self, name), generation)
 
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""

@@ -31,11 +31,8 @@ from designrl.policy import Agent
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
 from designrl.settings import (
-    PRESETS,
-    RATES,
     SCHEDULES,
     TrainSettings,
-    as_schedule,
     format_schedule,
     same_until,
 )
@@ -98,7 +95,7 @@ class TrainingRun:
         self._resume = resume
         self.optimiser = Reinforce(
             self.experiment.num_parameters,
-            settings.population_at(0),
+            settings.at("population", 0),
             settings.reinforce,
             settings.seed,
         )
@@ -131,9 +128,8 @@ class TrainingRun:
     def candidates(self) -> np.ndarray:
         """(N, P) candidates of the next generation."""
         generation = self.optimiser.generation
-        self.optimiser.population = self.settings.population_at(generation)
-        self.optimiser.learning_rate = self.settings.learning_rate_at(generation)
-        self.optimiser.sigma_decay = self.settings.sigma_decay_at(generation)
+        for name in ("population", "learning_rate", "sigma_decay"):
+            setattr(self.optimiser, name, self.settings.at(name, generation))
         return self.optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
 
     def simulator(self) -> Simulator:
@@ -250,7 +246,7 @@ class TrainingRun:
         settings, progress = self.settings, self.progress
         generation = self.optimiser.generation
         episodes = settings.evaluation_episodes or (
-            settings.population_at(generation - 1) * settings.rollouts_at(generation - 1)
+            settings.at("population", generation - 1) * settings.at("rollouts", generation - 1)
         )
         sequence = np.random.SeedSequence(settings.seed, spawn_key=_EVALUATION_KEY)
         seeds = sequence.generate_state(episodes).astype(np.int64)[None]
@@ -308,7 +304,7 @@ class TrainingRun:
 
     def _episode_seeds(self, generation: int) -> np.ndarray:
         """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
-        n, r = self.settings.population_at(generation), self.settings.rollouts_at(generation)
+        n, r = self.settings.at("population", generation), self.settings.at("rollouts", generation)
         mirrored = self.settings.reinforce.mirrored
         rows = n // 2 if mirrored else n
         sequence = np.random.SeedSequence(
@@ -356,33 +352,29 @@ class TrainingRun:
         tensors, metadata = checkpoint.read_tensors(self._state_path, STATE_FORMAT)
         damaged = InputError(f"{self._state_path} is damaged; start again in another folder")
         try:
-            observing = {name: self.settings.as_dict()[name] for name in OBSERVING_SETTINGS}
-            found = {**metadata["settings"], **observing}
-            for name in RATES:
-                if found[name] is None:  # as earlier versions wrote it
-                    found[name] = getattr(PRESETS[found["preset"]], name)
-            schedules = {name: as_schedule(found[name]) for name in SCHEDULES}
+            observing = {name: getattr(self.settings, name) for name in OBSERVING_SETTINGS}
+            found = TrainSettings(**{**metadata["settings"], **observing})
             progress = _Progress(**metadata["progress"])
             if not all(v is None or math.isfinite(v) for v in vars(progress).values()):
                 raise damaged
-        except (KeyError, TypeError, ValueError, OverflowError):
+        except (InputError, KeyError, TypeError, ValueError, OverflowError):
             raise damaged from None
-        wanted = self.settings.as_dict()
-        for name in wanted:
-            if name not in SCHEDULES and wanted[name] != found.get(name):
-                raise self._other_setting(name, repr(found.get(name)), repr(wanted[name]))
+        for name, theirs in vars(found).items():
+            ours = getattr(self.settings, name)
+            if name not in SCHEDULES and ours != theirs:
+                raise self._other_setting(name, repr(theirs), repr(ours))
         try:
             self.optimiser.restore(tensors)
         except InputError as error:
             raise InputError(f"{self._state_path} cannot be used: {error}") from None
         generation = self.optimiser.generation
-        for name, schedule in schedules.items():
+        for name in SCHEDULES:
             # What is still to come may be decided anew, with an eye on the learning curve.
-            ours = getattr(self.settings, name)
-            if not same_until(schedule, ours, generation):
+            theirs, ours = getattr(found, name), getattr(self.settings, name)
+            if not same_until(theirs, ours, generation):
                 past = f" up to generation {generation}"
                 raise self._other_setting(
-                    name, format_schedule(schedule), format_schedule(ours), past
+                    name, format_schedule(theirs), format_schedule(ours), past
                 )
         if generation < 0 or tensors["sigma"].min() <= 0 or tensors["adam_v"].min() < 0:
             raise damaged

@@ -116,11 +116,12 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     changes = {g for name in SCHEDULES for g, _ in getattr(settings, name)}
     for i, generation in enumerate(sorted(g for g in changes if g <= generations[-1])):
         at = np.interp(generation, generations, steps)
-        label = f" {settings.population_at(generation)} × {settings.rollouts_at(generation)} "
+        value = {name: settings.at(name, generation) for name in SCHEDULES}
+        label = f" {value['population']} × {value['rollouts']} "
         if len(settings.learning_rate) > 1:
-            label += f"\n α {settings.learning_rate_at(generation):g} "
+            label += f"\n α {value['learning_rate']:g} "
         if len(settings.sigma_decay) > 1:
-            label += f"\n σ × {settings.sigma_decay_at(generation):g} "
+            label += f"\n σ × {value['sigma_decay']:g} "
         if generation:
             axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(

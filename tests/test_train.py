@@ -232,7 +232,7 @@ def test_rollouts_are_a_number_or_a_schedule():
     assert parse_schedule("rollouts", "16") == ((0, 16),)
     assert parse_schedule("rollouts", "1,600:4,900:16") == ((0, 1), (600, 4), (900, 16))
     schedule = TrainSettings("biped", rollouts=parse_schedule("rollouts", "1,600:4,900:16"))
-    assert [schedule.rollouts_at(g) for g in (0, 599, 600, 899, 5000)] == [1, 1, 4, 4, 16]
+    assert [schedule.at("rollouts", g) for g in (0, 599, 600, 899, 5000)] == [1, 1, 4, 4, 16]
     for wrong in ("", "x", "1,2", "1:2", "1,a:3"):
         with pytest.raises(InputError, match="1,600:4"):
             parse_schedule("rollouts", wrong)
