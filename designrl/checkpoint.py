@@ -111,7 +111,9 @@ def _read_limited(path: Path) -> bytes:
     try:
         found = path.stat()
         if path.is_dir():
-            raise InputError(f"{path} is a folder; name a file in it")
+            inside = path / "generations.mcap"
+            name = f"a file in it, as {inside}" if inside.exists() else "a file in it"
+            raise InputError(f"{path} is a folder; name {name}")
         if not path.is_file():
             raise InputError(f"{path} is not a file; name one")
         with path.open("rb") as file:
@@ -243,7 +245,9 @@ def _read_published(path: Path) -> tuple[np.ndarray, float]:
         parameters, score = json.loads(data.decode())
         return np.array(parameters, dtype=np.float64), float(score)
     except (ValueError, TypeError, RecursionError, OverflowError):
-        raise InputError(f"{path} is not a 2018 weights file ([parameters, score])") from None
+        raise InputError(
+            f"{path} is not a 2018 weights file; name a .json that holds [parameters, score]"
+        ) from None
 
 
 def _describe_state(path: Path, tensors: dict[str, np.ndarray], metadata: dict) -> str:

@@ -44,8 +44,6 @@ def _experiments(_args) -> None:
 
 
 def _train(args) -> None:
-    from designrl.train import TrainingRun
-
     experiment = get_experiment(args.experiment)
     names = [f.name for f in dataclasses.fields(TrainSettings)]
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
@@ -54,9 +52,12 @@ def _train(args) -> None:
             given[name] = parse_schedule(name, given[name])
     settings = TrainSettings(**given)
     out = Path(args.out or f"runs/{experiment.name}/seed{settings.seed}")
+    from designrl.train import TrainingRun  # takes seconds, and wrong settings are known by now
+
     run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
     if run.finished:
-        print(f"{out} has all its {settings.generations} generations; raise --generations for more")
+        done = run.optimiser.generation
+        print(f"{out} has {done} generations; give --generations more than that to go on")
         return
     if args.dry_run:
         from designrl import plan
@@ -65,14 +66,23 @@ def _train(args) -> None:
         print(plan.describe(run, found))
         plan.check_disk(run, found)
         return
+    if args.resume and not run.optimiser.generation:
+        others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
+        print(
+            f"{out} holds no generations to go on with; this is a new run"
+            + (f" ({out.parent} has {others})" if others else ""),
+            file=sys.stderr,
+        )
     for polite in (signal.SIGTERM, signal.SIGHUP):  # they save, too
         signal.signal(polite, signal.default_int_handler)
     try:
         run.run()
     except KeyboardInterrupt:
         words = [word for word in sys.argv[1:] if word != "--resume"]
+        generation = run.optimiser.generation
+        saved = f"saved in {out}" if generation else "nothing to save yet"
         print(
-            f"\nstopped at generation {run.optimiser.generation}, saved in {out}; go on with:\n"
+            f"\nstopped at generation {generation}, {saved}; go on with:\n"
             f"  designrl {shlex.join(words)} --resume",
             file=sys.stderr,
         )

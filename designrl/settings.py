@@ -55,15 +55,14 @@ Schedule = tuple[tuple[int, float], ...]
 
 COUNTS = ("population", "rollouts")
 RATES = ("learning_rate", "sigma_decay")
-SCHEDULES = (*COUNTS, *RATES)  # the settings that are schedules
+SCHEDULES = (*COUNTS, *RATES, "shaped_rewards")  # the settings that are schedules
 
 
 @dataclass(frozen=True)
 class TrainSettings:
     """All that decides a run's result; the defaults are the paper's (section 4).
 
-    `population`, `rollouts`, `learning_rate` and `sigma_decay` are schedules; a plain number is
-    taken for all generations.
+    Those in SCHEDULES are schedules; a plain number is taken for all generations.
     """
 
     experiment: str
@@ -106,6 +105,14 @@ class TrainSettings:
     learning_rate: Schedule | None = field(
         default=None,
         metadata={"help": "step size of μ; or a schedule, likewise (default: the preset's)"},
+    )
+    shaped_rewards: Schedule = field(
+        default=((0, 1),),
+        metadata={
+            "help": "walkers, in training only: 1, a fall costs nothing and a solved episode earns "
+            "100 more, as in the published code; 0, the environment's rewards, as in the paper's "
+            "text; or a schedule, likewise"
+        },
     )
     evaluate_every: int = field(default=25, metadata={"help": "generations between evaluations"})
     keep: str = field(
@@ -164,6 +171,9 @@ class TrainSettings:
                 raise InputError(
                     f"{name.replace('_', '-')} is {value}; it must be above 0 and at most 10"
                 )
+        for _, value in self.shaped_rewards:
+            if value not in (0, 1):
+                raise InputError(f"shaped-rewards is {value}; it must be 0 or 1")
         if self.seed < 0:
             raise InputError(f"the seed is {self.seed}; it must be at least 0")
 
@@ -236,11 +246,11 @@ def parse_schedule(name: str, text: str) -> Schedule:
     """
     try:
         first, *later = text.split(",")
-        number = int if name in COUNTS else float
+        number = float if name in RATES else int
         pairs = [item.split(":") for item in later]
         return ((0, number(first)), *((int(start), number(n)) for start, n in pairs))
     except ValueError:
-        option = name.replace("_", "-")
+        option, example = name.replace("_", "-"), "0.01,600:0.003" if name in RATES else "1,600:4"
         raise InputError(
-            f"{option} is {text!r}; write a number, or FIRST,GENERATION:NEXT as in 1,600:4"
+            f"{option} is {text!r}; write a number, or FIRST,GENERATION:NEXT as in {example}"
         ) from None

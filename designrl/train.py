@@ -207,7 +207,8 @@ class TrainingRun:
             bar.set_postfix_str(f"{self._status} {done}/{seeds.size} episodes", refresh=False)
             bar.update(0)
 
-        result = self._rollout(simulator, candidates, seeds, training=True, progress=show)
+        shaped = bool(settings.at("shaped_rewards", index))
+        result = self._rollout(simulator, candidates, seeds, training=shaped, progress=show)
         returns = result.returns.mean(axis=1)
         optimiser.tell(returns)
         steps = int(result.steps.sum())

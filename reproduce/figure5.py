@@ -93,7 +93,7 @@ def curve(recording: Recording) -> Curve:
 
 
 def solved_at(c: Curve) -> int | None:
-    """Index of the first generation whose evaluation reached SOLVED; None where none did."""
+    """Index of the generation before the first evaluation of SOLVED; None where there is none."""
     reached = c.tested[c.scores >= SOLVED]
     return int(reached[0]) if len(reached) else None
 

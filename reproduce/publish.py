@@ -100,11 +100,9 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     generations, steps, _ = c.at
     low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
     axes.fill_between(steps, low, high, color=drawing.ORIGINAL, alpha=0.2, linewidth=0)
-    axes.plot(
-        *(steps, c.mean, drawing.ORIGINAL),
-        linewidth=0.8,
-        label="population, mean ± 2 sd, training's rewards",
-    )
+    colour = drawing.ORIGINAL
+    label = "population, mean ± 2 sd, training's rewards"
+    axes.plot(steps, c.mean, color=colour, linewidth=0.8, label=label)
     label = f"evaluated agent ({c.episodes} episodes)"
     if experiment.leg_area_reward:
         label += ", with the factor for smaller legs"
@@ -112,7 +110,7 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     if not experiment.leg_area_reward:  # the paper's number is without that factor
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
-        axes.axhline(mean, label=f"paper: {mean}", **line)
+        axes.axhline(mean, label=f"paper's score, for the dots: {mean}", **line)
     changes = {g for name in SCHEDULES for g, _ in getattr(settings, name)}
     for i, generation in enumerate(sorted(g for g in changes if g <= generations[-1])):
         at = np.interp(generation, generations, steps)
@@ -122,6 +120,8 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
             label += f"\n α {value['learning_rate']:g} "
         if len(settings.sigma_decay) > 1:
             label += f"\n σ × {value['sigma_decay']:g} "
+        if not value["shaped_rewards"]:
+            label += "\n plain rewards "
         if generation:
             axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
@@ -130,6 +130,7 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
             xycoords=("data", "axes fraction"),
             ha="left" if at < 0.9 * steps[-1] else "right",
             fontsize=6,
+            zorder=1,  # below the dots
         )
     axes.set_xlabel("environment steps (millions)")
     axes.set_ylabel("return (points)")
@@ -181,6 +182,14 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
         ),
         "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),
     }
+    if settings.shaped_rewards != TrainSettings.shaped_rewards:
+        ours = ", ".join(
+            ("shaped" if shaped else "the environment's")
+            + (f" from generation {start}" if start else "")
+            for start, shaped in settings.shaped_rewards
+            if start < done
+        )
+        defaults["rewards in training"] = (ours, "shaped")
     lines = [
         f"# {experiment.title}, seed {settings.seed}",
         "",

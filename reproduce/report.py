@@ -217,7 +217,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
             cost = progress(log)
             settings = (cost or s.agent.metadata)["settings"]  # the agent's own may be older
             done = cost["generations"] if cost else settings["generations"]
-            population, rollouts = (describe_schedule(settings[name], done) for name in COUNTS)
+            population, rollouts = (describe_schedule(settings[n], done) for n in COUNTS)
             spent = ["no recording", "", ""]
             if cost:
                 spent = [
@@ -234,7 +234,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
                         ["not yet", ""]
                         if i is None
                         else [
-                            f"{c.at[0, i]:.0f}",
+                            f"{c.at[0, i] + 1:.0f}",  # the updates by then, as a card counts
                             f"{c.at[2, i]:.2f}",
                         ]
                     )

@@ -161,8 +161,8 @@ def test_what_is_kept_may_change_when_a_run_is_resumed(tmp_path):
 def test_the_recorded_command_gives_the_run_again():
     assert settings().command() == (
         "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
-        "--preset published --sigma-decay 0.9995 --learning-rate 0.01 --evaluate-every 2 "
-        "--keep best --evaluation-episodes 3"
+        "--preset published --sigma-decay 0.9995 --learning-rate 0.01 --shaped-rewards 1 "
+        "--evaluate-every 2 --keep best --evaluation-episodes 3"
     )
 
 
@@ -290,11 +290,22 @@ def test_sigma_follows_the_schedule_of_its_decay(tmp_path):
         train(tmp_path / "changed", sigma_decay=0.9, generations=6, resume=True)
 
 
+def test_training_takes_the_environments_rewards_where_they_are_not_shaped(tmp_path):
+    schedule = parse_schedule("shaped_rewards", "1,2:0")
+    train(tmp_path, shaped_rewards=schedule, generations=4)
+    returns = [list(m.returns) for m in read(tmp_path / "generations.mcap").messages("/returns")]
+    # Walkers that have learned nothing yet stand or fall, and a fall is -100.
+    assert min(map(min, returns[:2])) > -60 and max(map(min, returns[2:])) < -90, returns
+    with pytest.raises(InputError, match="shaped_rewards = 1,2:0, not 1"):
+        train(tmp_path, generations=5, resume=True)
+
+
 def test_a_state_of_earlier_versions_has_the_presets_rates(tmp_path):
     train(tmp_path, generations=2)
     state = tmp_path / "state.safetensors"
     tensors, metadata = read_tensors(state, STATE_FORMAT)
     metadata["settings"] |= {"learning_rate": None, "sigma_decay": None}
+    del metadata["settings"]["shaped_rewards"]
     write_tensors(state, tensors, metadata, STATE_FORMAT)
     train(tmp_path, generations=3, resume=True)
 
@@ -306,6 +317,8 @@ def test_wrong_settings_are_refused():
         for name in ("sigma_start", "sigma_decay", "learning_rate"):
             with pytest.raises(InputError, match=name.replace("_", "-")):
                 settings(**{name: value})
+    with pytest.raises(InputError, match="shaped-rewards is 2; it must be 0 or 1"):
+        settings(shaped_rewards=2)
     huge = 10**20
     for wrong in ({"population": huge}, {"rollouts": ((0, 1), (2, huge))}):
         with pytest.raises(InputError, match="a generation .* can be at most"):

@@ -167,7 +167,11 @@ class Recording:
         kind = _CLASSES.get(self._scan.schema(channel).name)
         found = kind.DESCRIPTOR.fields_by_name.get(field) if kind else None
         if found is None or found.type not in _DTYPES:
-            raise RecordingError(f"{topic} in {self.path} has no field {field!r} of numbers")
+            fields = kind.DESCRIPTOR.fields if kind else ()
+            known = ", ".join([f.name for f in fields if f.type in _DTYPES] + ["log_time"])
+            raise RecordingError(
+                f"{topic} in {self.path} has no field {field!r} of numbers; it has {known}"
+            )
         rows = []
         for message in self.messages(topic):
             row = np.array(getattr(message, field), dtype=_DTYPES[found.type])
