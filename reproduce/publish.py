@@ -126,7 +126,7 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
             axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
             label,
-            (at, 0.02 + 0.12 * (i % 2)),  # neighbours one above the other
+            (at, 0.02 + 0.13 * (i % 3)),  # neighbours one above the other
             xycoords=("data", "axes fraction"),
             ha="left" if at < 0.9 * steps[-1] else "right",
             fontsize=6,
