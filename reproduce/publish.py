@@ -183,13 +183,7 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
         "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),
     }
     if settings.shaped_rewards != TrainSettings.shaped_rewards:
-        ours = ", ".join(
-            ("shaped" if shaped else "the environment's")
-            + (f" from generation {start}" if start else "")
-            for start, shaped in settings.shaped_rewards
-            if start < done
-        )
-        defaults["rewards in training"] = (ours, "shaped")
+        defaults["shaped rewards"] = (describe_schedule(settings.shaped_rewards, done), 1)
     lines = [
         f"# {experiment.title}, seed {settings.seed}",
         "",

@@ -133,6 +133,18 @@ def test_a_dry_run_starts_nothing(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "r").exists()
 
 
+def test_resume_says_where_there_is_nothing_to_go_on_with(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = ["--population", "2", "--rollouts", "1", "--workers", "1", "--evaluation-episodes", "1"]
+    main(["train", "biped", "--seed", "2", "--generations", "1", *small])
+    assert "new run" not in capsys.readouterr().err
+    main(["train", "biped", "--generations", "1", "--resume", *small])
+    said = "runs/biped/seed0 holds no generations to go on with; this is a new run"
+    assert f"{said} (runs/biped has seed2)\n" in capsys.readouterr().err
+    main(["train", "biped", "--generations", "1", "--resume", *small])
+    assert "seed0 has 1 generations; give --generations more" in capsys.readouterr().out
+
+
 def test_without_ray_the_message_says_what_to_install(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     err = refused(capsys, "train", "biped", "--ray", "local", "--out", tmp_path / "r")
