@@ -229,9 +229,13 @@ def describe(path: str | Path) -> str:
     """What a recording holds, how far it goes and where it came from, in lines of text.
 
     Raises:
-        RecordingError: it cannot be read, or is not an MCAP file.
+        RecordingError: it cannot be read, is not an MCAP file, or was cut off before all it held.
     """
     recording = read(path)
+    if recording.problem and not recording.metadata_records and not recording.topics:
+        raise RecordingError(
+            f"{path} holds nothing to tell of ({recording.problem}); get it again, or record it anew"
+        )
     size = recording.path.stat().st_size
     what = {
         RUN: "recording of a training run",
@@ -259,7 +263,7 @@ def describe(path: str | Path) -> str:
         how_far = {
             RUN: f"it goes up to generation {generations[-1]}"
             if len(generations)
-            else "it is empty",
+            else "it has no generation",
             ROLLOUT: f"it goes up to {recording.seconds:.2f} s",
         }.get(recording.kind, f"it has {sum(recording.topics.values())} messages")
         ended = END in dict(recording.metadata_records)
