@@ -1,8 +1,9 @@
 """Figure 5: learning curves of hardcore, with the original and with a learned body.
 
-Above the population's mean return ± 2 standard deviations, as training sees it; below the score of
-each evaluated agent and of the best one so far, without training's changes of the reward. Over
-generations, environment steps and core-hours. Reads logs/EXPERIMENT/seed*/ (recordings, and the
+Above the population's mean return, as training sees it; below the score of the best agent so far,
+without training's changes of the reward. Over generations, environment steps and core-hours. The
+best run of each experiment also has the population's ± 2 standard deviations and the score of each
+evaluated agent; the others are pale. Reads logs/EXPERIMENT/seed*/ (recordings, and the
 states for the processor time) and paper/paper.toml. Writes paper/figures/figure5.svg, .pdf and
 .png; and in the same way those of the flat walkers, of the walkers that are rewarded for smaller
 legs and of the ants: curves.*, curves_smaller_leg.* and curves_ant.*.
@@ -108,23 +109,29 @@ def reads() -> list[Path]:
 def draw(panels, experiment: str, label: str, colour: str) -> list[str]:
     """Draw all runs of an experiment; returns what could not be drawn, in words."""
     missing = [] if recordings(experiment) else [f"{label}: no recording yet"]
-    for number, path in enumerate(recordings(experiment)):
+    curves = []
+    for path in recordings(experiment):
         try:
-            c = curve(read(path))
+            curves.append(curve(read(path)))
         except (InputError, KeyError, ZeroDivisionError) as error:
             missing.append(f"{label}, {path.parent.name}: not drawn ({error})")
-            continue
-        name = None if number else f"{label} ({c.episodes} episodes an evaluation)"
+    # The best run last, over the others, and only it with its band: bands of many runs hide all.
+    curves.sort(key=lambda c: c.scores.max(initial=-np.inf))
+    for number, c in enumerate(curves, start=1):
+        chosen = number == len(curves)
+        name = f"{label} ({c.episodes} episodes an evaluation)" if chosen else None
         best = np.maximum.accumulate(c.scores)
         low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
+        strength = 1.0 if chosen else 0.35
         # Thousands of generations a run would be megabytes as vectors.
         pixels = {"color": colour, "rasterized": True}
         for column, at in enumerate(c.at):
             above, below = panels[0, column], panels[1, column]
-            above.fill_between(at, low, high, alpha=0.2, linewidth=0, **pixels)
-            above.plot(at, c.mean, linewidth=0.8, label=name, **pixels)
-            below.plot(at[c.tested], c.scores, ".", color=colour, markersize=2, alpha=0.6)
-            below.step(at[c.tested], best, where="post", color=colour, label=name)
+            if chosen:
+                above.fill_between(at, low, high, alpha=0.2, linewidth=0, **pixels)
+                below.plot(at[c.tested], c.scores, ".", color=colour, markersize=2, alpha=0.6)
+            above.plot(at, c.mean, linewidth=0.8, alpha=strength, label=name, **pixels)
+            below.step(at[c.tested], best, where="post", color=colour, alpha=strength, label=name)
     return missing
 
 

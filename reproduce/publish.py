@@ -25,7 +25,7 @@ from designrl.settings import PUBLISHED, SCHEDULES, TrainSettings, describe_sche
 from reproduce import drawing, scores
 from reproduce.figure5 import curve
 
-KEPT_GENERATIONS = 80  # about as many stay in a published recording
+KEPT_GENERATIONS = 40  # about as many stay in a published recording
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -38,8 +38,9 @@ CAPTIONS = {
     "figure4": "Flat terrain: the original body above, the learned one below.",
     "figure5": "Hardcore learning curves, with the original and a learned body. Above, the "
     "population's return as training sees it (a fall costs nothing, success earns 100 more); "
-    "below, evaluated agents, and the best one so far. Dashed: 300 points, solved. Dotted: when "
-    "the paper's runs had solved it.",
+    "below, evaluated agents, and the best one so far. Each experiment's best run has the "
+    "population's ± 2 standard deviations, its other runs are pale. Dashed: 300 points, solved. "
+    "Dotted: when the paper's runs had solved it.",
     "curves": "The same curves for the walkers on flat terrain.",
     "curves_smaller_leg": "The same curves for the walkers that are rewarded for smaller legs; "
     "their points are those of training's reward, with the factor for the legs' area.",
