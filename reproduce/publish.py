@@ -101,7 +101,7 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
     axes.fill_between(steps, low, high, color=drawing.ORIGINAL, alpha=0.2, linewidth=0)
     colour = drawing.ORIGINAL
-    label = "population, mean ± 2 sd, training's rewards"
+    label = "population, ± 2 sd, training's rewards"
     axes.plot(steps, c.mean, color=colour, linewidth=0.8, label=label)
     label = f"evaluated agent ({c.episodes} episodes)"
     if experiment.leg_area_reward:
@@ -110,7 +110,11 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     if not experiment.leg_area_reward:  # the paper's number is without that factor
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
-        axes.axhline(mean, label=f"paper's score, for the dots: {mean}", **line)
+        axes.axhline(mean, label=f"paper's score (for dots): {mean}", **line)
+    # The settings stand where the dots leave room, neighbours one above the other.
+    axes.margins(x=0.02)
+    above = len(c.scores) and np.median(c.scores) < np.mean(axes.get_ylim())
+    heights = (0.9, 0.77, 0.64) if above else (0.02, 0.15, 0.28)
     changes = {g for name in SCHEDULES for g, _ in getattr(settings, name)}
     for i, generation in enumerate(sorted(g for g in changes if g <= generations[-1])):
         at = np.interp(generation, generations, steps)
@@ -126,16 +130,16 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
             axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
             label,
-            (at, 0.02 + 0.13 * (i % 3)),  # neighbours one above the other
+            (at, heights[i % 3]),
             xycoords=("data", "axes fraction"),
             ha="left" if at < 0.9 * steps[-1] else "right",
+            va="top" if above else "bottom",
             fontsize=6,
             zorder=1,  # below the dots
         )
     axes.set_xlabel("environment steps (millions)")
     axes.set_ylabel("return (points)")
-    axes.margins(x=0.02)
-    figure.legend(loc="outside upper left", ncols=3, fontsize=6, columnspacing=1)
+    figure.legend(loc="outside upper left", ncols=3, fontsize=6, columnspacing=1, handlelength=1.5)
     return figure
 
 
@@ -182,6 +186,9 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
         ),
         "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),
     }
+    sigma_start = settings.reinforce.sigma_start
+    if sigma_start != PUBLISHED.sigma_start:
+        defaults["σ at the start"] = (f"{sigma_start:g}", f"{PUBLISHED.sigma_start:g}")
     if settings.shaped_rewards != TrainSettings.shaped_rewards:
         defaults["shaped rewards"] = (describe_schedule(settings.shaped_rewards, done), 1)
     lines = [

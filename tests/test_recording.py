@@ -291,13 +291,14 @@ def test_cut_anywhere_a_file_is_read_up_to_there(kind, run, rollout, tmp_path):
         if recording.topics or recording.metadata_records:
             assert "incomplete" in describe(path)
         else:
-            with pytest.raises(RecordingError, match=r"cut\.mcap holds nothing to tell of \(the fil"):
+            with pytest.raises(RecordingError, match=r"cut\.mcap holds nothing to tell of"):
                 describe(path)
             nothing += 1
         found = recording.array(topic, field) if recording.topics.get(topic) else expected[:0]
         assert np.array_equal(found, expected[: len(found)])
         lengths.add(len(found))
-    assert nothing and len(lengths) > (3 if kind == "run" else 0)  # this episode fits in a single chunk
+    # This episode fits in a single chunk.
+    assert nothing and len(lengths) > (3 if kind == "run" else 0)
 
 
 def test_damaged_bytes_never_crash_the_reader(run, tmp_path):

@@ -234,7 +234,8 @@ def describe(path: str | Path) -> str:
     recording = read(path)
     if recording.problem and not recording.metadata_records and not recording.topics:
         raise RecordingError(
-            f"{path} holds nothing to tell of ({recording.problem}); get it again, or record it anew"
+            f"{path} holds nothing to tell of ({recording.problem}); get it again, or record it "
+            "anew"
         )
     size = recording.path.stat().st_size
     what = {
