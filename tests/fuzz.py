@@ -246,8 +246,8 @@ def damaged(files: dict[str, bytes], seed: int, index: int) -> tuple[str, bytes]
 
 def read_all(path: Path) -> None:
     """All that can be read of a recording."""
-    describe(path)
     recording = read(path)
+    _or_refuse(describe, path)
     for topic in recording.topics:
         for message in schema_pb2.DESCRIPTOR.message_types_by_name.values():
             if topic.strip("/") == message.name.lower():
