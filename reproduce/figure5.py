@@ -117,8 +117,8 @@ def draw(panels, experiment: str, label: str, colour: str) -> list[str]:
             missing.append(f"{label}, {path.parent.name}: not drawn ({error})")
     # The best run last, over the others, and only it with its band: bands of many runs hide all.
     curves.sort(key=lambda c: c.scores.max(initial=-np.inf))
-    for number, c in enumerate(curves, start=1):
-        chosen = number == len(curves)
+    for c in curves:
+        chosen = c is curves[-1]
         name = f"{label} ({c.episodes} episodes an evaluation)" if chosen else None
         best = np.maximum.accumulate(c.scores)
         low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
