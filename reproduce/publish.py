@@ -101,7 +101,7 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
     axes.fill_between(steps, low, high, color=drawing.ORIGINAL, alpha=0.2, linewidth=0)
     colour = drawing.ORIGINAL
-    label = "population, ± 2 sd, training's rewards"
+    label = "population, mean ± 2 sd, training's rewards"
     axes.plot(steps, c.mean, color=colour, linewidth=0.8, label=label)
     label = f"evaluated agent ({c.episodes} episodes)"
     if experiment.leg_area_reward:
@@ -111,8 +111,8 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
         axes.axhline(mean, label=f"paper's score (for dots): {mean}", **line)
-    # The settings stand where the dots leave room, neighbours one above the other.
     axes.margins(x=0.02)
+    # The settings stand where the dots leave room, neighbours one above the other.
     above = len(c.scores) and np.median(c.scores) < np.mean(axes.get_ylim())
     heights = (0.9, 0.77, 0.64) if above else (0.02, 0.15, 0.28)
     changes = {g for name in SCHEDULES for g, _ in getattr(settings, name)}

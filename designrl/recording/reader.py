@@ -229,7 +229,7 @@ def describe(path: str | Path) -> str:
     """What a recording holds, how far it goes and where it came from, in lines of text.
 
     Raises:
-        RecordingError: it cannot be read, is not an MCAP file, or was cut off before all it held.
+        RecordingError: it cannot be read, is not an MCAP file, or is damaged before all it held.
     """
     recording = read(path)
     if recording.problem and not recording.metadata_records and not recording.topics:
