@@ -42,7 +42,7 @@ class Curve:
         mean, sd: (G,) points, over the population, with training's changes of the reward.
         tested: (E,) which generations were evaluated, as indices into the others.
         scores: (E,) points, mean over each evaluation's episodes.
-        episodes: of an evaluation, the last one's.
+        episodes: of an evaluation, as text: "200", or "200–1000" where that changed.
         problem: why it ends early, or empty.
     """
 
@@ -51,7 +51,7 @@ class Curve:
     sd: np.ndarray
     tested: np.ndarray
     scores: np.ndarray
-    episodes: int
+    episodes: str
     problem: str
 
 
@@ -82,13 +82,14 @@ def curve(recording: Recording) -> Curve:
     hours = summary["seconds"] * core_hours_per_second(recording.path.parent)
     has_tests = recording.topics.get("/evaluation")
     tested = recording.array("/evaluation", "generation") if has_tests else np.empty(0, np.uint32)
+    episodes = {len(row) for row in recording.array("/evaluation", "scores")} if has_tests else {0}
     return Curve(
         np.array([summary["generation"], summary["total_steps"] / 1e6, hours]),
         summary["mean"],
         summary["sd"],
         np.searchsorted(summary["generation"], tested).clip(max=len(hours) - 1),
         recording.array("/evaluation", "mean") if has_tests else np.empty(0),
-        len(recording.array("/evaluation", "scores")[-1]) if has_tests else 0,
+        "–".join(map(str, sorted({min(episodes), max(episodes)}))),
         recording.problem or "",
     )
 

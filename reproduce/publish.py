@@ -92,6 +92,19 @@ def publish(run: Path, replace: bool = False) -> str:
     return f"{checkpoint}, {card}, {picture} and {log} written"
 
 
+def _settings_lines(settings: TrainSettings, generation: int) -> list[str]:
+    """A generation's settings, those that the run changes at some time, as lines of a label."""
+    value = {name: settings.at(name, generation) for name in SCHEDULES}
+    lines = [f"{value['population']} × {value['rollouts']}"]
+    if len(settings.learning_rate) > 1:
+        lines.append(f"α {value['learning_rate']:g}")
+    if len(settings.sigma_decay) > 1:
+        lines.append(f"σ × {value['sigma_decay']:g}")
+    if len(settings.shaped_rewards) > 1 or not value["shaped_rewards"]:
+        lines.append("shaped rewards" if value["shaped_rewards"] else "plain rewards")
+    return lines
+
+
 def learning_curve(recording: Recording, experiment: Experiment, settings: TrainSettings) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
     c = curve(recording)
@@ -101,7 +114,7 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     low, high = c.mean - 2 * c.sd, c.mean + 2 * c.sd
     axes.fill_between(steps, low, high, color=drawing.ORIGINAL, alpha=0.2, linewidth=0)
     colour = drawing.ORIGINAL
-    label = "population, mean ± 2 sd, training's rewards"
+    label = "population's mean ± 2 sd, training's rewards"
     axes.plot(steps, c.mean, color=colour, linewidth=0.8, label=label)
     label = f"evaluated agent ({c.episodes} episodes)"
     if experiment.leg_area_reward:
@@ -110,7 +123,7 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     if not experiment.leg_area_reward:  # the paper's number is without that factor
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
-        axes.axhline(mean, label=f"paper's score (for dots): {mean}", **line)
+        axes.axhline(mean, label=f"paper's (for dots): {mean}", **line)
     axes.margins(x=0.02)
     # The settings stand where the dots leave room, neighbours one above the other.
     above = len(c.scores) and np.median(c.scores) < np.mean(axes.get_ylim())
@@ -118,14 +131,11 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     changes = {g for name in SCHEDULES for g, _ in getattr(settings, name)}
     for i, generation in enumerate(sorted(g for g in changes if g <= generations[-1])):
         at = np.interp(generation, generations, steps)
-        value = {name: settings.at(name, generation) for name in SCHEDULES}
-        label = f" {value['population']} × {value['rollouts']} "
-        if len(settings.learning_rate) > 1:
-            label += f"\n α {value['learning_rate']:g} "
-        if len(settings.sigma_decay) > 1:
-            label += f"\n σ × {value['sigma_decay']:g} "
-        if not value["shaped_rewards"]:
-            label += "\n plain rewards "
+        lines = _settings_lines(settings, generation)
+        if generation:  # only what changes there
+            before = _settings_lines(settings, generation - 1)
+            lines = [line for line in lines if line not in before]
+        label = "\n".join(f" {line} " for line in lines)
         if generation:
             axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
