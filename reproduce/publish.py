@@ -135,11 +135,9 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
         if generation:  # only what changes there
             before = _settings_lines(settings, generation - 1)
             lines = [line for line in lines if line not in before]
-        label = "\n".join(f" {line} " for line in lines)
-        if generation:
             axes.axvline(at, color=drawing.GREY, linewidth=0.5)
         axes.annotate(
-            label,
+            "\n".join(f" {line} " for line in lines),
             (at, heights[i % 3]),
             xycoords=("data", "axes fraction"),
             ha="left" if at < 0.9 * steps[-1] else "right",
