@@ -1,7 +1,8 @@
 """The report: all tables and figures, what they rest on, where we differ, what it cost.
 
 Reads report_template.md, the tables and figures with their manifests (paper/inputs/), pretrained/
-and logs/. Writes paper/report.md and paper/report.html, one file with all pictures inside.
+and logs/. Writes paper/report.md, and paper/report.html: one file with all pictures inside, which
+git does not keep.
 
     make reproduce-report
 """
