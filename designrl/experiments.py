@@ -164,6 +164,4 @@ def get_experiment(name: str | Experiment) -> Experiment:
         return EXPERIMENTS[name]
     near = difflib.get_close_matches(str(name), EXPERIMENTS, n=1)
     guess = f"did you mean {near[0]!r}? " if near else ""
-    raise InputError(
-        f"unknown experiment {name!r}; {guess}(`designrl experiments` lists all eight)"
-    )
+    raise InputError(f"unknown experiment {name!r}; {guess}`designrl experiments` lists all eight")

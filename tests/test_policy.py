@@ -100,7 +100,7 @@ def test_a_network_of_another_experiment_is_refused():
 def test_an_unknown_experiment_is_answered_with_the_nearest_name():
     with pytest.raises(InputError, match="did you mean 'biped-hardcore'"):
         get_experiment("biped-hardcor")
-    with pytest.raises(InputError, match="unknown experiment 'xx'; \\(`designrl experiments`"):
+    with pytest.raises(InputError, match="unknown experiment 'xx'; `designrl experiments`"):
         get_experiment("xx")
 
 
