@@ -37,7 +37,8 @@ $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES)
 	@$(PIP) install --quiet -r $(VENV)/build-tools.lock
 	@$(PIP) install --quiet --no-build-isolation -r requirements.lock
 	@echo "designrl: building the package and its walker engine"
-	@$(PIP) install --quiet --no-build-isolation --no-deps --editable .
+	@$(PIP) install --quiet --no-build-isolation --no-deps \
+	  --config-settings editable_mode=compat --editable .
 	@$(BIN)/python -c 'from designrl.simulation.engine import engine_missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environment")'
 	@touch $@
 

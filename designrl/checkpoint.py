@@ -160,14 +160,27 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
         )
     if found != format_name:
         raise InputError(damaged)
+    # Files of before 2026-11-22 have no hash; nothing else would show a flipped bit in a weight.
+    if metadata.pop("sha256", None) not in (None, _content_hash(tensors, metadata)):
+        raise InputError(damaged)
     return tensors, metadata
+
+
+def _content_hash(tensors: dict[str, np.ndarray], metadata: dict) -> str:
+    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
+    for name in sorted(tensors):
+        t = tensors[name]
+        digest.update(f"{name} {t.dtype.str} {t.shape} ".encode() + t.tobytes())
+    return digest.hexdigest()
 
 
 def write_tensors(
     path: str | Path, tensors: dict[str, np.ndarray], metadata: dict, format_name: str
 ) -> None:
     """The reverse of `read_tensors`; the same input gives the same bytes."""
-    text = json.dumps({"format": format_name, **metadata}, sort_keys=True)
+    # As it will be read: JSON has no tuples and no numbers as keys.
+    metadata = json.loads(json.dumps({"format": format_name, **metadata}))
+    text = json.dumps({**metadata, "sha256": _content_hash(tensors, metadata)}, sort_keys=True)
     write_atomically(path, safetensors.numpy.save(tensors, metadata={"designrl": text}))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
-from designrl.settings import SCHEDULES, TrainSettings, parse_schedule
+from designrl.settings import MAX_EPISODES, SCHEDULES, TrainSettings, parse_schedule
 
 EXIT_INPUT = 2
 EXIT_INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
@@ -138,6 +138,10 @@ def _record(args) -> None:
 
     if Path(args.output).exists():
         raise InputError(f"{args.output} exists already; remove it or choose another name")
+    if Path(args.output).suffix != ".mcap":
+        raise InputError(f"{args.output} would not be opened by Rerun; give it a name in .mcap")
+    if not 0 <= args.episode < MAX_EPISODES:
+        raise InputError(f"--episode counts from 0 to {MAX_EPISODES - 1:,}, got {args.episode}")
     check_episodes(args.episode + 1, args.seed)
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     score = record_rollout(load(args.file, args.experiment), args.output, seed)
@@ -161,7 +165,7 @@ def _info(args) -> None:
 
 
 def _starts_as_mcap(path: str) -> bool:
-    if not os.path.isfile(path):  # a pipe would be waited for
+    if path.endswith(".mcap") or not os.path.isfile(path):  # a pipe would be waited for
         return path.endswith(".mcap")
     from mcap.writer import MCAP0_MAGIC
 

@@ -61,6 +61,15 @@ class _Progress:
     cpu_seconds: float = 0.0  # processor time; for a pool of processes, wall time times workers
 
 
+def _processor() -> str:
+    """The processor, with its name where Linux tells it: core-hours mean little without."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return f"{platform.machine()} {line.partition(':')[2].strip()}"
+    return platform.machine()
+
+
 class TrainingRun:
     """One run in one folder; `run()` goes on from wherever the folder is.
 
@@ -329,7 +338,7 @@ class TrainingRun:
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
             "versions": json.dumps(checkpoint.versions(), sort_keys=True),
-            "host": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+            "host": f"{platform.system()} {_processor()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
             "command": self.settings.command(),
             "workers": f"Ray {self.ray}" if self.ray else str(self.workers),

@@ -101,7 +101,7 @@ def test_record_takes_an_episode_of_an_evaluation(checkpoint, tmp_path, capsys):
     main([*words, "2"])
     assert f"one episode, {scores[2]:.1f} points" in capsys.readouterr().out
     (tmp_path / "r.mcap").unlink()
-    assert "needs 1 to" in refused(capsys, *words, "-1")
+    assert "--episode counts from 0" in refused(capsys, *words, "-1")
 
 
 def test_bad_input_is_one_sentence_and_exit_code_2(checkpoint, tmp_path, capsys):
@@ -122,6 +122,10 @@ def test_bad_input_is_one_sentence_and_exit_code_2(checkpoint, tmp_path, capsys)
         capsys, "train", "biped", "--workers", 0, "--out", tmp_path / "r"
     )
     assert "absent.mcap" in refused(capsys, "info", tmp_path / "absent.mcap")
+    (tmp_path / "empty.mcap").touch()
+    assert "not an MCAP file" in refused(capsys, "info", tmp_path / "empty.mcap")
+    record = "record", checkpoint, "-o"
+    assert "name in .mcap" in refused(capsys, *record, tmp_path / "r.txt")
 
 
 def test_a_dry_run_starts_nothing(tmp_path, capsys, monkeypatch):

@@ -225,6 +225,16 @@ def read(path: str | Path) -> Recording:
     return Recording(path)
 
 
+def how_far(recording: Recording) -> str:
+    """How far a recording goes, as half a sentence."""
+    if recording.kind == RUN:
+        last = recording.generations[-1:]
+        return f"it goes up to generation {last[0]}" if len(last) else "it has no generation"
+    if recording.kind == ROLLOUT:
+        return f"it goes up to {recording.seconds:.2f} s"
+    return f"it has {sum(recording.topics.values())} messages"
+
+
 def describe(path: str | Path) -> str:
     """What a recording holds, how far it goes and where it came from, in lines of text.
 
@@ -261,17 +271,11 @@ def describe(path: str | Path) -> str:
         total = recording.array("/reward", "total")
         lines.append(f"  {len(total)} steps, {recording.seconds:.2f} s, {total[-1]:.1f} points")
     if not recording.complete:
-        how_far = {
-            RUN: f"it goes up to generation {generations[-1]}"
-            if len(generations)
-            else "it has no generation",
-            ROLLOUT: f"it goes up to {recording.seconds:.2f} s",
-        }.get(recording.kind, f"it has {sum(recording.topics.values())} messages")
         ended = END in dict(recording.metadata_records)
         reason = recording.problem or (
             "the run was stopped" if ended else "the run has not ended, or was killed"
         )
-        lines.append(f"  incomplete ({reason}): {how_far}")
+        lines.append(f"  incomplete ({reason}): {how_far(recording)}")
     lines += [f"  {topic}: {count} messages" for topic, count in recording.topics.items()]
     for name, values in recording.metadata_records:
         lines.append(f"  {name}:")

@@ -20,6 +20,7 @@ import rerun as rr
 from designrl.checkpoint import write_atomically
 from designrl.errors import InputError
 from designrl.recording import Recording, read
+from designrl.recording.reader import how_far
 from designrl.viewer.data import log_recording
 from designrl.viewer.layout import blueprint
 from designrl.viewer.picture import EXECUTABLE, take_picture
@@ -97,6 +98,9 @@ def _read_usable(paths: list) -> list[Recording]:
             print(f"not shown: {error}", file=sys.stderr)
             last = error
         else:
+            if recording.problem:
+                what = f"{path} is not whole ({recording.problem}): {how_far(recording)}"
+                print(f"{what}; get it again, or record it anew, for the rest", file=sys.stderr)
             recordings.append(recording)
     if last and not recordings:
         raise last
