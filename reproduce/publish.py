@@ -10,6 +10,7 @@ the card under "Notes", which is for people to write.
 """
 
 import argparse
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -21,10 +22,14 @@ from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, Experiment
 from designrl.recording import Recording, read, thin
+from designrl.recording.mcap_file import RESUMED, RUN
 from designrl.settings import PUBLISHED, SCHEDULES, TrainSettings, describe_schedule
+from designrl.train import OBSERVING_SETTINGS
 from reproduce import drawing, scores
 from reproduce.figure5 import curve
 
+KEPT = {"mean": "mean of the distribution", "best": "best candidate"}
+LETTER = 0.0095, 0.065  # of a label in a learning curve: parts of its width and height
 KEPT_GENERATIONS = 40  # about as many stay in a published recording
 
 
@@ -84,12 +89,46 @@ def publish(run: Path, replace: bool = False) -> str:
         shutil.copyfile(run / name, log / name)
     for old in (log / "rollouts").iterdir():
         old.unlink()
-    for path in {rollouts[0], rollouts[rollouts.index(best) // 2], best}:
+    for path in {rollouts[0], halfway(rollouts[: rollouts.index(best) + 1], recording), best}:
         shutil.copyfile(path, log / "rollouts" / path.name)
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(run / "best.safetensors", checkpoint)
     card, picture = write_card(checkpoint, log)
     return f"{checkpoint}, {card}, {picture} and {log} written"
+
+
+def halfway(rollouts: list[Path], recording: Recording) -> Path:
+    """Of a run's rollouts, the one whose evaluation is nearest to the middle of first and last."""
+    generations = recording.array("/evaluation", "generation") + 1
+    score = dict(zip(generations.tolist(), recording.array("/evaluation", "mean"), strict=True))
+    of = {path: score.get(int(path.stem.removeprefix("generation")), np.inf) for path in rollouts}
+    middle = (of[rollouts[0]] + of[rollouts[-1]]) / 2
+    return min(rollouts, key=lambda path: abs(of[path] - middle))
+
+
+def observed(recording: Recording, name: str) -> list[tuple[int, object]]:
+    """What a run's recording says of a setting that any resumption may change: (from, value)."""
+    found: list[tuple[int, object]] = []
+    for record, values in recording.metadata_records:
+        if record in (RUN, RESUMED):
+            start = int(values.get("generation", 0))
+            value = getattr(TrainSettings(**json.loads(values["settings"])), name)
+            found = [part for part in found if part[0] < start]
+            if not found or found[-1][1] != value:
+                found.append((start, value))
+    return found
+
+
+def evaluated_in_parts(recording: Recording) -> bool:
+    """Whether a run's agents were not all chosen in the same way."""
+    return any(len(observed(recording, name)) > 1 for name in OBSERVING_SETTINGS[1:])
+
+
+def _in_parts(recording: Recording, name: str, words: dict | None = None) -> str:
+    return ", ".join(
+        str((words or {}).get(value, value)) + (f" from generation {start}" if start else "")
+        for start, value in observed(recording, name)
+    )
 
 
 def _settings_lines(settings: TrainSettings, generation: int) -> list[str]:
@@ -118,32 +157,46 @@ def learning_curve(recording: Recording, experiment: Experiment, settings: Train
     axes.plot(steps, c.mean, color=colour, linewidth=0.8, label=label)
     label = f"evaluated agent ({c.episodes} episodes)"
     if experiment.leg_area_reward:
-        label += ", with the factor for smaller legs"
+        label += ", with the smaller-leg factor"
     axes.plot(steps[c.tested], c.scores, ".", color=drawing.LEARNED, markersize=3, label=label)
     if not experiment.leg_area_reward:  # the paper's number is without that factor
         mean, _ = scores.paper()["table3"][experiment.name]
         line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
         axes.axhline(mean, label=f"paper's (for dots): {mean}", **line)
     axes.margins(x=0.02)
-    # The settings stand where the dots leave room, neighbours one above the other.
+    # The settings stand where the dots leave room, each as near to the edge as its neighbours let.
     above = len(c.scores) and np.median(c.scores) < np.mean(axes.get_ylim())
-    heights = (0.9, 0.77, 0.64) if above else (0.02, 0.15, 0.28)
     changes = {g for name in SCHEDULES for g, _ in getattr(settings, name)}
-    for i, generation in enumerate(sorted(g for g in changes if g <= generations[-1])):
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    x, y = (steps[c.tested] - left) / (right - left), (c.scores - low) / (high - low)
+    y = 1 - y if above else y
+    # What is taken, the dots at first: left, right, distance from the edge at least and at most.
+    placed = list(np.stack([x, x, y - 0.015, y + 0.015], axis=1))
+    for generation in sorted(g for g in changes if g <= generations[-1]):
         at = np.interp(generation, generations, steps)
         lines = _settings_lines(settings, generation)
         if generation:  # only what changes there
             before = _settings_lines(settings, generation - 1)
             lines = [line for line in lines if line not in before]
-            axes.axvline(at, color=drawing.GREY, linewidth=0.5)
+            axes.axvline(at, color=drawing.GREY, linewidth=0.5, zorder=0.5)
+        start, width = (at - left) / (right - left), LETTER[0] * (2 + max(map(len, lines)))
+        if start > 0.9:
+            start -= width
+        box = np.array([start, start + width, 0.02, 0.02 + LETTER[1] * len(lines)])
+        while any(
+            box[0] < p[1] and p[0] < box[1] and box[2] < p[3] and p[2] < box[3] for p in placed
+        ):
+            box[2:] += LETTER[1] / 2
+        placed.append(box)
         axes.annotate(
             "\n".join(f" {line} " for line in lines),
-            (at, heights[i % 3]),
-            xycoords=("data", "axes fraction"),
-            ha="left" if at < 0.9 * steps[-1] else "right",
+            (start, 1 - box[2] if above else box[2]),
+            xycoords="axes fraction",
+            ha="left",
             va="top" if above else "bottom",
             fontsize=6,
-            zorder=1,  # below the dots
+            zorder=1,  # above the lines, below the dots
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0},
         )
     axes.set_xlabel("environment steps (millions)")
     axes.set_ylabel("return (points)")
@@ -179,7 +232,7 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
     result = scores.score(checkpoint, experiment.name)
     error = 1.96 * result.std / np.sqrt(len(result.returns))
     paper_mean, paper_std = scores.paper()["table3"][experiment.name]
-    kept = "mean of the distribution" if settings.keep == "mean" else "best candidate"
+    kept = KEPT[settings.keep]
     defaults = {
         "population": (describe_schedule(settings.population, done), experiment.population),
         "rollouts per candidate": (describe_schedule(settings.rollouts, done), experiment.rollouts),
@@ -192,7 +245,15 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
             describe_schedule(settings.sigma_decay, done),
             PUBLISHED.sigma_decay,
         ),
-        "evaluation episodes": (m["score_episodes"], experiment.population * experiment.rollouts),
+        "evaluated every ... generations": (
+            _in_parts(recording, "evaluate_every"),
+            TrainSettings.evaluate_every,
+        ),
+        "evaluation episodes": (
+            _in_parts(recording, "evaluation_episodes", {None: "population × rollouts"}),
+            experiment.population * experiment.rollouts,
+        ),
+        "evaluated agent": (_in_parts(recording, "keep", KEPT), KEPT["best"]),
     }
     sigma_start = settings.reinforce.sigma_start
     if sigma_start != PUBLISHED.sigma_start:

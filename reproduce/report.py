@@ -22,7 +22,7 @@ from designrl.experiments import EXPERIMENTS
 from designrl.recording import read
 from designrl.settings import COUNTS, TrainSettings, describe_schedule
 from designrl.train import STATE_FORMAT
-from reproduce import build, figure5, scores, statistics, table3
+from reproduce import build, figure5, publish, scores, statistics, table3
 from reproduce.scores import Score
 from reproduce.table2 import BLOCKS, ROWS, WALKERS
 
@@ -156,7 +156,8 @@ def summary(ours: dict[str, list[Score]]) -> str:
             "alone, and the figures the paper's bodies at rest."
         )
     printed = scores.paper()
-    lines = [f"{count} runs of {len(have)} of the eight experiments so far:", ""]
+    which = "all eight" if len(have) == len(EXPERIMENTS) else f"{len(have)} of the eight"
+    lines = [f"{count} runs of {which} experiments:", ""]
     for name in have:
         e = EXPERIMENTS[name]
         means = [s.mean for s in ours[name] if not s.problem]
@@ -210,6 +211,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     text = scores.paper()["text"]
+    totals = np.zeros(3)  # steps and seconds of all of them
     for name, found in ours.items():
         e = EXPERIMENTS[name]
         for s in found:
@@ -222,6 +224,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
             population, rollouts = (describe_schedule(settings[n], done) for n in COUNTS)
             spent = ["no recording", "", ""]
             if cost:
+                totals += [cost["total_steps"], cost["cpu_seconds"], cost["seconds"]]
                 spent = [
                     f"{cost['total_steps'] / 1e6:,.0f} M",
                     f"{cost['cpu_seconds'] / 3600:.2f}",
@@ -250,7 +253,12 @@ def costs(ours: dict[str, list[Score]]) -> str:
             row = [label, f"{done:,} ({e.generations:,})"]
             row += [f"{population} × {rollouts}", *spent, *solved, paper]
             lines.append("| " + " | ".join(row) + " |")
-    return "\n".join(lines) if len(lines) > 2 else "No run is published yet."
+    if len(lines) == 2:
+        return "No run is published yet."
+    steps, *seconds = totals
+    spent = [f"{steps / 1e6:,.0f} M", *(f"{s / 3600:.2f}" for s in seconds)]
+    row = [f"All {len(lines) - 2} published runs", "", "", *spent, "", "", ""]
+    return "\n".join([*lines, "| " + " | ".join(row) + " |"])
 
 
 def differences(ours: dict[str, list[Score]]) -> str:
@@ -268,7 +276,12 @@ def differences(ours: dict[str, list[Score]]) -> str:
             f"{m['environment_steps'] / 1e6:,.0f} M" for m in kept if "environment_steps" in m
         )
         after = f" Its kept agents saw {trained} environment steps." if trained else ""
-        lines.append(f"- **({e.letter}) {e.title}**: {words}.{after}")
+        cards = ", ".join(
+            f"[{scores.seed_of(s.path)}](../{scores.shown(s.path.with_suffix('.md'))})"
+            for s in found
+            if not s.problem
+        )
+        lines.append(f"- **({e.letter}) {e.title}**: {words}.{after} Cards: {cards}.")
     return "\n".join(lines) or "- No run of ours is published yet."
 
 
@@ -291,15 +304,23 @@ def origins(ours: dict[str, list[Score]]) -> str:
                 lines.append(f"`{shown}` is not used: {s.problem}.")
                 continue
             m = s.agent.metadata
+            card = scores.shown(s.path.with_suffix(".md"))
             items = [
-                f"**[{shown}](../{shown})**, sha256 `{s.sha256}`",
+                f"**[{shown}](../{shown})**, sha256 `{s.sha256}`; [its card](../{card})",
                 f"score {s.mean:.2f} ± {s.std:.2f} (median {np.median(s.returns):.1f}, "
                 f"{s.returns.min():.1f} to {s.returns.max():.1f}); "
                 f"`designrl evaluate {shown} --episodes {scores.EPISODES} --seed {scores.SEED}`",
             ]
             if "settings" in m:
                 settings = TrainSettings(**m["settings"])
-                items.append(f"trained by `{settings.command(with_defaults=False)}`")
+                trained = f"trained by `{settings.command(with_defaults=False)}`"
+                log = scores.log_of(s.path) / "generations.mcap"
+                if log.exists() and publish.evaluated_in_parts(read(log)):
+                    trained += (
+                        ", evaluated otherwise at first (see its card), so that this command gives "
+                        "the same distribution but may keep another agent"
+                    )
+                items.append(trained)
                 items.append(
                     f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
                     f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then"

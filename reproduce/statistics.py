@@ -205,8 +205,8 @@ def write_intervals(means: dict[str, dict[str, np.ndarray]], ours: list) -> list
         rows,
         [
             f"Bootstrap 95 % intervals of the mean ({RESAMPLES:,} resamples, percentiles): over "
-            "runs they say what another training run may bring, over rollouts how well one agent's "
-            "score is known.",
+            "runs they say how well these runs tell the mean of many such (two or three hardly), "
+            "over rollouts how well one agent's score is known.",
             scoring_note(),
             *origin_notes(ours),
         ],

@@ -350,6 +350,18 @@ def test_publishing_again_keeps_the_notes_and_gives_the_same_files(published, pr
     assert contents(project) == before
 
 
+def test_the_rollout_between_is_half_way_up_not_half_way_through():
+    class Evaluations:
+        def array(self, topic, field):
+            # An evaluation's generation is the last one before it.
+            return np.array(
+                {"generation": [9, 19, 29, 39], "mean": [0.0, 140.0, 290.0, 300.0]}[field]
+            )
+
+    rollouts = [Path(f"generation{g:05d}.mcap") for g in (10, 20, 30, 40)]
+    assert publish.halfway(rollouts, Evaluations()) == rollouts[1]
+
+
 @pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap", "rollouts"])
 def test_a_damaged_run_leaves_what_is_published(published, project, name):
     run, _ = published
@@ -403,7 +415,10 @@ def test_report_is_one_file_whose_links_lead_somewhere(page):
         if link.startswith("#"):
             assert link[1:] in ids, link
         elif not link.startswith("https://"):
-            assert (ROOT / "paper" / link).exists(), link
+            file, _, anchor = link.partition("#")
+            assert (ROOT / "paper" / file).exists(), link
+            words = anchor.replace("-", " ")  # a heading's, as GitHub makes its anchor
+            assert words in (ROOT / "paper" / file).read_text().lower() if anchor else True, link
     for experiment in EXPERIMENTS.values():
         assert f"origin-{experiment.letter}" in ids
 
