@@ -99,11 +99,11 @@ def publish(run: Path, replace: bool = False) -> str:
 
 def halfway(rollouts: list[Path], recording: Recording) -> Path:
     """Of a run's rollouts, the one whose evaluation is nearest to the middle of first and last."""
-    generations = recording.array("/evaluation", "generation") + 1
-    score = dict(zip(generations.tolist(), recording.array("/evaluation", "mean"), strict=True))
-    of = {path: score.get(int(path.stem.removeprefix("generation")), np.inf) for path in rollouts}
-    middle = (of[rollouts[0]] + of[rollouts[-1]]) / 2
-    return min(rollouts, key=lambda path: abs(of[path] - middle))
+    # Between evaluations, too: a rollout that was recorded afterwards had none of its own.
+    evaluated = recording.array("/evaluation", "generation") + 1
+    at = [int(path.stem.removeprefix("generation")) for path in rollouts]
+    score = np.interp(at, evaluated, recording.array("/evaluation", "mean"))
+    return rollouts[np.argmin(np.abs(score - (score[0] + score[-1]) / 2))]
 
 
 def observed(recording: Recording, name: str) -> list[tuple[int, object]]:

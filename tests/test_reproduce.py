@@ -360,6 +360,8 @@ def test_the_rollout_between_is_half_way_up_not_half_way_through():
 
     rollouts = [Path(f"generation{g:05d}.mcap") for g in (10, 20, 30, 40)]
     assert publish.halfway(rollouts, Evaluations()) == rollouts[1]
+    later = Path("generation00021.mcap")  # recorded after training
+    assert publish.halfway([rollouts[0], later, *rollouts[2:]], Evaluations()) == later
 
 
 @pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap", "rollouts"])
