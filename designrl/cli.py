@@ -165,15 +165,17 @@ def _info(args) -> None:
 
 
 def _starts_as_mcap(path: str) -> bool:
-    if path.endswith(".mcap") or not os.path.isfile(path):  # a pipe would be waited for
-        return path.endswith(".mcap")
+    if path.endswith(".mcap"):
+        return True
+    if not os.path.isfile(path):  # a pipe would be waited for
+        return False
     from mcap.writer import MCAP0_MAGIC
 
     try:
         with open(path, "rb") as file:
             return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
     except OSError:
-        return path.endswith(".mcap")
+        return False
 
 
 def _printable(text: str) -> str:

@@ -8,6 +8,7 @@ git does not keep.
 """
 
 import base64
+import contextlib
 import html
 import json
 import re
@@ -202,6 +203,11 @@ def progress(log: Path) -> dict | None:
         return None
 
 
+def spent_cells(steps: float, cpu_seconds: float, seconds: float) -> list[str]:
+    """Steps, core-hours and hours as a table has them."""
+    return [f"{steps / 1e6:,.0f} M", f"{cpu_seconds / 3600:.2f}", f"{seconds / 3600:.2f}"]
+
+
 def costs(ours: dict[str, list[Score]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
     lines = [
@@ -224,12 +230,9 @@ def costs(ours: dict[str, list[Score]]) -> str:
             population, rollouts = (describe_schedule(settings[n], done) for n in COUNTS)
             spent = ["no recording", "", ""]
             if cost:
-                totals += [cost["total_steps"], cost["cpu_seconds"], cost["seconds"]]
-                spent = [
-                    f"{cost['total_steps'] / 1e6:,.0f} M",
-                    f"{cost['cpu_seconds'] / 3600:.2f}",
-                    f"{cost['seconds'] / 3600:.2f}",
-                ]
+                amounts = [cost["total_steps"], cost["cpu_seconds"], cost["seconds"]]
+                totals += amounts
+                spent = spent_cells(*amounts)
             solved = [""] * 2
             if e.is_walker and not e.leg_area_reward and (log / "generations.mcap").exists():
                 try:
@@ -255,9 +258,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
             lines.append("| " + " | ".join(row) + " |")
     if len(lines) == 2:
         return "No run is published yet."
-    steps, *seconds = totals
-    spent = [f"{steps / 1e6:,.0f} M", *(f"{s / 3600:.2f}" for s in seconds)]
-    row = [f"All {len(lines) - 2} published runs", "", "", *spent, "", "", ""]
+    row = [f"All {len(lines) - 2} published runs", "", "", *spent_cells(*totals), "", "", ""]
     return "\n".join([*lines, "| " + " | ".join(row) + " |"])
 
 
@@ -304,6 +305,7 @@ def origins(ours: dict[str, list[Score]]) -> str:
                 lines.append(f"`{shown}` is not used: {s.problem}.")
                 continue
             m = s.agent.metadata
+            log = scores.log_of(s.path) / "generations.mcap"
             card = scores.shown(s.path.with_suffix(".md"))
             items = [
                 f"**[{shown}](../{shown})**, sha256 `{s.sha256}`; [its card](../{card})",
@@ -314,12 +316,12 @@ def origins(ours: dict[str, list[Score]]) -> str:
             if "settings" in m:
                 settings = TrainSettings(**m["settings"])
                 trained = f"trained by `{settings.command(with_defaults=False)}`"
-                log = scores.log_of(s.path) / "generations.mcap"
-                if log.exists() and publish.evaluated_in_parts(read(log)):
-                    trained += (
-                        ", evaluated otherwise at first (see its card), so that this command gives "
-                        "the same distribution but may keep another agent"
-                    )
+                with contextlib.suppress(InputError, KeyError):  # no recording, or a damaged one
+                    if publish.evaluated_in_parts(read(log)):
+                        trained += (
+                            ", evaluated otherwise at first (see its card), so that this command "
+                            "gives the same distribution but may keep another agent"
+                        )
                 items.append(trained)
                 items.append(
                     f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
@@ -328,7 +330,6 @@ def origins(ours: dict[str, list[Score]]) -> str:
                 items.append(
                     "by " + ", ".join(f"{library} {v}" for library, v in m["versions"].items())
                 )
-            log = scores.ROOT / "logs" / name / s.path.stem / "generations.mcap"
             if log.exists():
                 path = scores.shown(log)
                 items.append(f"recording [{path}](../{path}), sha256 `{file_hash(log)}`")
