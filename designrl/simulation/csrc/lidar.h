@@ -85,41 +85,39 @@ class RayFan {
   // tree offers its leaves. The walker's own parts are in the tree but never end a ray.
   const float* cast_all(const World& world, bool closest) {
     const Tree& tree = world.tree;
-    struct Visit {
-      int node;
-      uint32_t rays;
-    };
-    Visit stack[kMaxNodes];
+    // Nodes yet to visit, with the rays that passed their parents' tests above the node's index.
+    uint64_t stack[kMaxNodes];
     int count = 0;
     uint32_t open = (1u << kRays) - 1;  // rays that have not ended
-    stack[count++] = {tree.root, open};
-    while (count > 0 && open) {
-      const Visit visit = stack[--count];
-      const Tree::Node& node = tree.nodes[visit.node];
-      uint32_t rays = visit.rays & open;
-      if (rays) rays &= passing(node.box);
-      if (!rays) continue;
-      if (!node.is_leaf()) {
-        stack[count++] = {node.child1, rays};
-        stack[count++] = {node.child2, rays};
+    int index = tree.root;
+    uint32_t rays = open;
+    for (;;) {
+      const Tree::Node& node = tree.nodes[index];
+      rays &= passing(node.box);
+      if (rays && !node.is_leaf()) {
+        stack[count++] = uint64_t(rays) << 32 | uint32_t(node.child1);
+        index = node.child2;
         continue;
       }
-      if (node.item < kBodies) continue;
-      const Terrain& terrain = world.course.pieces[node.item - kBodies];
-      for (; rays; rays &= rays - 1) {
-        const int i = __builtin_ctz(rays);
-        const float fraction =
-            cast(terrain, {origin_, {end_x_.number[i], end_y_.number[i]}, max_fraction_[i]});
-        if (fraction < 0.0f) continue;
-        fraction_[i] = fraction;
-        if (!closest || fraction == 0.0f) {
-          open &= ~(1u << i);
-          continue;
+      if (rays && node.item >= kBodies) {
+        const Terrain& terrain = world.course.pieces[node.item - kBodies];
+        for (; rays; rays &= rays - 1) {
+          const int i = __builtin_ctz(rays);
+          const float fraction =
+              cast(terrain, {origin_, {end_x_.number[i], end_y_.number[i]}, max_fraction_[i]});
+          if (fraction < 0.0f) continue;
+          fraction_[i] = fraction;
+          if (!closest || fraction == 0.0f) open &= ~(1u << i);
+          else shorten(i, fraction);
         }
-        shorten(i, fraction);
       }
+      do {
+        if (count == 0) return fraction_;
+        --count;
+        index = int(uint32_t(stack[count]));
+        rays = uint32_t(stack[count] >> 32) & open;
+      } while (!rays);
     }
-    return fraction_;
   }
 
  private:

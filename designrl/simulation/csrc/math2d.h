@@ -105,13 +105,14 @@ inline float perimeter(const Aabb& a) {
   float wx = a.upper.x - a.lower.x, wy = a.upper.y - a.lower.y;
   return 2.0f * (wx + wy);
 }
+// Without short circuits: one branch that is hard to predict instead of four.
 inline bool contains(const Aabb& a, const Aabb& b) {
-  return a.lower.x <= b.lower.x && a.lower.y <= b.lower.y && b.upper.x <= a.upper.x &&
-         b.upper.y <= a.upper.y;
+  return (a.lower.x <= b.lower.x) & (a.lower.y <= b.lower.y) & (b.upper.x <= a.upper.x) &
+         (b.upper.y <= a.upper.y);
 }
 inline bool overlap(const Aabb& a, const Aabb& b) {
-  return !(b.lower.x - a.upper.x > 0.0f || b.lower.y - a.upper.y > 0.0f ||
-           a.lower.x - b.upper.x > 0.0f || a.lower.y - b.upper.y > 0.0f);
+  return !((b.lower.x - a.upper.x > 0.0f) | (b.lower.y - a.upper.y > 0.0f) |
+           (a.lower.x - b.upper.x > 0.0f) | (a.lower.y - b.upper.y > 0.0f));
 }
 
 }  // namespace ENGINE

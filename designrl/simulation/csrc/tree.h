@@ -58,16 +58,18 @@ struct Tree {
   template <class Visit>
   void query(const Aabb& box, Visit visit) const {
     int stack[kMaxNodes], count = 0;
-    stack[count++] = root;
-    while (count > 0) {
-      const Node& node = nodes[stack[--count]];
-      if (!overlap(node.box, box)) continue;
-      if (node.is_leaf()) {
-        visit(int(&node - nodes));
-      } else {
+    int index = root;
+    for (;;) {
+      const Node& node = nodes[index];
+      const bool inside = overlap(node.box, box);
+      if (inside && !node.is_leaf()) {
         stack[count++] = node.child1;
-        stack[count++] = node.child2;
+        index = node.child2;
+        continue;
       }
+      if (inside) visit(index);
+      if (count == 0) return;
+      index = stack[--count];
     }
   }
 
