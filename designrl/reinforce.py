@@ -79,7 +79,8 @@ class Reinforce:
         mu, sigma: (P,) float64 tensors.
         generation: updates so far.
         population: N; may be set to another number after any update.
-        learning_rate, sigma_decay: of the next update; the settings' at first, may be set, too.
+        learning_rate, sigma_decay, weight_decay: of the next update; the settings' at first, may be
+            set, too.
 
     Raises:
         InputError: no parameters, or a population that the settings cannot use.
@@ -101,6 +102,7 @@ class Reinforce:
         self.population = population
         self.learning_rate = settings.learning_rate
         self.sigma_decay = settings.sigma_decay
+        self.weight_decay = settings.weight_decay
         self.mu = torch.zeros(num_parameters, dtype=torch.float64)
         self.sigma = torch.full_like(self.mu, settings.sigma_start)
         self._adam_on(self.mu)
@@ -154,7 +156,7 @@ class Reinforce:
             raise InputError(f"tell() needs {self.population} finite returns")
         w, s = self.ask(), self.settings
         fitness = centred_ranks(returns) if s.ranks else returns
-        fitness = fitness - s.weight_decay * (w**2).mean(dim=1)
+        fitness = fitness - self.weight_decay * (w**2).mean(dim=1)
         if s.mirrored:
             by_mu = pair_gradient(fitness, self._epsilon)
             by_sigma = pair_sigma_change(fitness, self._epsilon, self.sigma)

@@ -54,7 +54,7 @@ Schedule = tuple[tuple[int, float], ...]
 """A number for each generation: ((0, 1), (600, 4)) is 1 from generation 0 on and 4 from 600 on."""
 
 COUNTS = ("population", "rollouts")
-RATES = ("learning_rate", "sigma_decay")
+RATES = ("learning_rate", "sigma_decay", "weight_decay")
 SCHEDULES = (*COUNTS, *RATES, "shaped_rewards")  # the settings that are schedules
 
 
@@ -105,6 +105,13 @@ class TrainSettings:
     learning_rate: Schedule | None = field(
         default=None,
         metadata={"help": "step size of μ; or a schedule, likewise (default: the preset's)"},
+    )
+    weight_decay: Schedule | None = field(
+        default=None,
+        metadata={
+            "help": "this times a candidate's mean squared weight is taken from its fitness; or a "
+            "schedule, likewise (default: the preset's)"
+        },
     )
     shaped_rewards: Schedule = field(
         default=((0, 1),),
@@ -165,12 +172,16 @@ class TrainSettings:
                 )
         for name, value in (
             ("sigma_start", self.sigma_start),
-            *((rate, value) for rate in RATES for _, value in getattr(self, rate)),
+            *(("sigma_decay", value) for _, value in self.sigma_decay),
+            *(("learning_rate", value) for _, value in self.learning_rate),
         ):
             if value is not None and not 0 < value <= 10:  # false for NaN, too
                 raise InputError(
                     f"{name.replace('_', '-')} is {value}; it must be above 0 and at most 10"
                 )
+        for _, value in self.weight_decay:
+            if not 0 <= value <= 10_000:
+                raise InputError(f"weight-decay is {value}; it must be from 0 to 10000")
         for _, value in self.shaped_rewards:
             if value not in (0, 1):
                 raise InputError(f"shaped-rewards is {value}; it must be 0 or 1")

@@ -31,6 +31,7 @@ from designrl.policy import Agent
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
 from designrl.settings import (
+    RATES,
     SCHEDULES,
     TrainSettings,
     format_schedule,
@@ -137,7 +138,7 @@ class TrainingRun:
     def candidates(self) -> np.ndarray:
         """(N, P) candidates of the next generation."""
         generation = self.optimiser.generation
-        for name in ("population", "learning_rate", "sigma_decay"):
+        for name in ("population", *RATES):
             setattr(self.optimiser, name, self.settings.at(name, generation))
         return self.optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
 

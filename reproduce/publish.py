@@ -139,6 +139,8 @@ def _settings_lines(settings: TrainSettings, generation: int) -> list[str]:
         lines.append(f"α {value['learning_rate']:g}")
     if len(settings.sigma_decay) > 1:
         lines.append(f"σ × {value['sigma_decay']:g}")
+    if len(settings.weight_decay) > 1:
+        lines.append(f"decay {value['weight_decay']:g}")
     if len(settings.shaped_rewards) > 1 or not value["shaped_rewards"]:
         lines.append("shaped rewards" if value["shaped_rewards"] else "plain rewards")
     return lines
@@ -258,6 +260,11 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
     sigma_start = settings.reinforce.sigma_start
     if sigma_start != PUBLISHED.sigma_start:
         defaults["σ at the start"] = (f"{sigma_start:g}", f"{PUBLISHED.sigma_start:g}")
+    if settings.weight_decay != ((0, PUBLISHED.weight_decay),):
+        defaults["weight decay"] = (
+            describe_schedule(settings.weight_decay, done),
+            PUBLISHED.weight_decay,
+        )
     if settings.shaped_rewards != TrainSettings.shaped_rewards:
         defaults["shaped rewards"] = (describe_schedule(settings.shaped_rewards, done), 1)
     lines = [

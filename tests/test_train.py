@@ -161,8 +161,8 @@ def test_what_is_kept_may_change_when_a_run_is_resumed(tmp_path):
 def test_the_recorded_command_gives_the_run_again():
     assert settings().command() == (
         "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
-        "--preset published --sigma-decay 0.9995 --learning-rate 0.01 --shaped-rewards 1 "
-        "--evaluate-every 2 --keep best --evaluation-episodes 3"
+        "--preset published --sigma-decay 0.9995 --learning-rate 0.01 --weight-decay 0.005 "
+        "--shaped-rewards 1 --evaluate-every 2 --keep best --evaluation-episodes 3"
     )
 
 
@@ -290,6 +290,19 @@ def test_sigma_follows_the_schedule_of_its_decay(tmp_path):
         train(tmp_path / "changed", sigma_decay=0.9, generations=6, resume=True)
 
 
+def test_a_larger_weight_decay_makes_weights_smaller_from_its_generation_on(tmp_path):
+    few = {"population": 16, "generations": 12, "evaluate_every": 12}
+    plain = train(tmp_path / "plain", **few)
+    schedule = parse_schedule("weight_decay", "0.005,6:10000")
+    decayed = train(tmp_path / "decayed", weight_decay=schedule, **few)
+    ours, theirs = (
+        read(tmp_path / name / "generations.mcap").array("/distribution", "mu")
+        for name in ("decayed", "plain")
+    )
+    np.testing.assert_array_equal(ours[:7], theirs[:7])
+    assert (decayed.optimiser.mu**2).sum() < 0.9 * (plain.optimiser.mu**2).sum()
+
+
 def test_training_takes_the_environments_rewards_where_they_are_not_shaped(tmp_path):
     schedule = parse_schedule("shaped_rewards", "1,2:0")
     train(tmp_path, shaped_rewards=schedule, generations=4)
@@ -305,7 +318,7 @@ def test_a_state_of_earlier_versions_has_the_presets_rates(tmp_path):
     state = tmp_path / "state.safetensors"
     tensors, metadata = read_tensors(state, STATE_FORMAT)
     metadata["settings"] |= {"learning_rate": None, "sigma_decay": None}
-    del metadata["settings"]["shaped_rewards"]
+    del metadata["settings"]["shaped_rewards"], metadata["settings"]["weight_decay"]
     write_tensors(state, tensors, metadata, STATE_FORMAT)
     train(tmp_path, generations=3, resume=True)
 
@@ -317,6 +330,9 @@ def test_wrong_settings_are_refused():
         for name in ("sigma_start", "sigma_decay", "learning_rate"):
             with pytest.raises(InputError, match=name.replace("_", "-")):
                 settings(**{name: value})
+    for value in (-1.0, float("nan"), 1e300):
+        with pytest.raises(InputError, match="weight-decay is .* from 0 to 10000"):
+            settings(weight_decay=value)
     with pytest.raises(InputError, match="shaped-rewards is 2; it must be 0 or 1"):
         settings(shaped_rewards=2)
     huge = 10**20
