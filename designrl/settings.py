@@ -109,7 +109,7 @@ class TrainSettings:
     weight_decay: Schedule | None = field(
         default=None,
         metadata={
-            "help": "this times a candidate's mean squared weight is taken from its fitness; or a "
+            "help": "a candidate's mean squared weight, times this, is taken from its fitness; or a "
             "schedule, likewise (default: the preset's)"
         },
     )
