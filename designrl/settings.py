@@ -109,8 +109,8 @@ class TrainSettings:
     weight_decay: Schedule | None = field(
         default=None,
         metadata={
-            "help": "a candidate's mean squared weight, times this, is taken from its fitness; or a "
-            "schedule, likewise (default: the preset's)"
+            "help": "a candidate's mean squared weight, times this, is taken from its fitness; or "
+            "a schedule, likewise (default: the preset's)"
         },
     )
     shaped_rewards: Schedule = field(
