@@ -79,8 +79,8 @@ class Reinforce:
         mu, sigma: (P,) float64 tensors.
         generation: updates so far.
         population: N; may be set to another number after any update.
-        learning_rate, sigma_decay, weight_decay: of the next update; the settings' at first, may be
-            set, too.
+        learning_rate, sigma_decay, weight_decay, decoupled_weight_decay: of the next update; the
+            settings' at first, may be set, too.
 
     Raises:
         InputError: no parameters, or a population that the settings cannot use.
@@ -103,6 +103,7 @@ class Reinforce:
         self.learning_rate = settings.learning_rate
         self.sigma_decay = settings.sigma_decay
         self.weight_decay = settings.weight_decay
+        self.decoupled_weight_decay = settings.decoupled_weight_decay
         self.mu = torch.zeros(num_parameters, dtype=torch.float64)
         self.sigma = torch.full_like(self.mu, settings.sigma_start)
         self._adam_on(self.mu)
@@ -162,6 +163,7 @@ class Reinforce:
             by_sigma = pair_sigma_change(fitness, self._epsilon, self.sigma)
         else:
             by_mu, by_sigma = reinforce_gradients(fitness, w, self.mu, self.sigma)
+        self.mu.mul_(1 - self.learning_rate * self.decoupled_weight_decay)
         if s.adam:
             self.mu.grad = by_mu
             self._adam.param_groups[0]["lr"] = self.learning_rate

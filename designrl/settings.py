@@ -18,6 +18,9 @@ class ReinforceSettings:
     """Replace returns by centred ranks in [-0.5, 0.5]."""
     weight_decay: float = 0.005
     """Subtracted from a candidate's fitness: weight_decay · mean(w²)."""
+    decoupled_weight_decay: float = 0.0
+    """An update first takes learning_rate times this of μ from μ, as AdamW does (Loshchilov and
+    Hutter 2019): unlike weight_decay it adds no noise and shrinks all weights alike."""
     adam: bool = True
     """Step μ with Adam (β 0.99, 0.999; ε 1e-8) on the pair-difference gradient; otherwise plain
     gradient ascent on μ and σ (equation 4)."""
@@ -54,7 +57,7 @@ Schedule = tuple[tuple[int, float], ...]
 """A number for each generation: ((0, 1), (600, 4)) is 1 from generation 0 on and 4 from 600 on."""
 
 COUNTS = ("population", "rollouts")
-RATES = ("learning_rate", "sigma_decay", "weight_decay")
+RATES = ("learning_rate", "sigma_decay", "weight_decay", "decoupled_weight_decay")
 SCHEDULES = (*COUNTS, *RATES, "shaped_rewards")  # the settings that are schedules
 
 
@@ -111,6 +114,13 @@ class TrainSettings:
         metadata={
             "help": "a candidate's mean squared weight, times this, is taken from its fitness; or "
             "a schedule, likewise (default: the preset's)"
+        },
+    )
+    decoupled_weight_decay: Schedule | None = field(
+        default=None,
+        metadata={
+            "help": "every update also takes this times the learning rate of μ from μ, as AdamW "
+            "does; or a schedule, likewise (default: 0, the published code has none)"
         },
     )
     shaped_rewards: Schedule = field(
@@ -182,6 +192,9 @@ class TrainSettings:
         for _, value in self.weight_decay:
             if not 0 <= value <= 10_000:
                 raise InputError(f"weight-decay is {value}; it must be from 0 to 10000")
+        for _, value in self.decoupled_weight_decay:
+            if not 0 <= value <= 10:
+                raise InputError(f"decoupled-weight-decay is {value}; it must be from 0 to 10")
         for _, value in self.shaped_rewards:
             if value not in (0, 1):
                 raise InputError(f"shaped-rewards is {value}; it must be 0 or 1")

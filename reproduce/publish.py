@@ -141,6 +141,8 @@ def _settings_lines(settings: TrainSettings, generation: int) -> list[str]:
         lines.append(f"σ × {value['sigma_decay']:g}")
     if len(settings.weight_decay) > 1:
         lines.append(f"decay {value['weight_decay']:g}")
+    if len(settings.decoupled_weight_decay) > 1:
+        lines.append(f"AdamW {value['decoupled_weight_decay']:g}")
     if len(settings.shaped_rewards) > 1 or not value["shaped_rewards"]:
         lines.append("shaped rewards" if value["shaped_rewards"] else "plain rewards")
     return lines
@@ -264,6 +266,11 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
         defaults["weight decay"] = (
             describe_schedule(settings.weight_decay, done),
             PUBLISHED.weight_decay,
+        )
+    if settings.decoupled_weight_decay != ((0, PUBLISHED.decoupled_weight_decay),):
+        defaults["decoupled weight decay (AdamW)"] = (
+            describe_schedule(settings.decoupled_weight_decay, done),
+            PUBLISHED.decoupled_weight_decay,
         )
     if settings.shaped_rewards != TrainSettings.shaped_rewards:
         defaults["shaped rewards"] = (describe_schedule(settings.shaped_rewards, done), 1)

@@ -162,7 +162,8 @@ def test_the_recorded_command_gives_the_run_again():
     assert settings().command() == (
         "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
         "--preset published --sigma-decay 0.9995 --learning-rate 0.01 --weight-decay 0.005 "
-        "--shaped-rewards 1 --evaluate-every 2 --keep best --evaluation-episodes 3"
+        "--decoupled-weight-decay 0.0 --shaped-rewards 1 --evaluate-every 2 --keep best "
+        "--evaluation-episodes 3"
     )
 
 
@@ -303,6 +304,19 @@ def test_a_larger_weight_decay_makes_weights_smaller_from_its_generation_on(tmp_
     assert (decayed.optimiser.mu**2).sum() < 0.9 * (plain.optimiser.mu**2).sum()
 
 
+def test_a_decoupled_weight_decay_shrinks_all_weights_alike_from_its_generation_on(tmp_path):
+    few = {"population": 8, "generations": 6, "evaluate_every": 6}
+    train(tmp_path / "plain", **few)
+    schedule = parse_schedule("decoupled_weight_decay", "0,4:2")
+    train(tmp_path / "decayed", decoupled_weight_decay=schedule, **few)
+    ours, theirs = (
+        read(tmp_path / name / "generations.mcap").array("/distribution", "mu")
+        for name in ("decayed", "plain")
+    )
+    np.testing.assert_array_equal(ours[:5], theirs[:5])
+    np.testing.assert_allclose(ours[5] - theirs[5], -0.01 * 2 * theirs[4], atol=1e-6)
+
+
 def test_training_takes_the_environments_rewards_where_they_are_not_shaped(tmp_path):
     schedule = parse_schedule("shaped_rewards", "1,2:0")
     train(tmp_path, shaped_rewards=schedule, generations=4)
@@ -319,6 +333,7 @@ def test_a_state_of_earlier_versions_has_the_presets_rates(tmp_path):
     tensors, metadata = read_tensors(state, STATE_FORMAT)
     metadata["settings"] |= {"learning_rate": None, "sigma_decay": None}
     del metadata["settings"]["shaped_rewards"], metadata["settings"]["weight_decay"]
+    del metadata["settings"]["decoupled_weight_decay"]
     write_tensors(state, tensors, metadata, STATE_FORMAT)
     train(tmp_path, generations=3, resume=True)
 
@@ -333,6 +348,8 @@ def test_wrong_settings_are_refused():
     for value in (-1.0, float("nan"), 1e300):
         with pytest.raises(InputError, match="weight-decay is .* from 0 to 10000"):
             settings(weight_decay=value)
+        with pytest.raises(InputError, match="decoupled-weight-decay is .* from 0 to 10"):
+            settings(decoupled_weight_decay=value)
     with pytest.raises(InputError, match="shaped-rewards is 2; it must be 0 or 1"):
         settings(shaped_rewards=2)
     huge = 10**20
