@@ -19,7 +19,7 @@ class ReinforceSettings:
     weight_decay: float = 0.005
     """Subtracted from a candidate's fitness: weight_decay · mean(w²)."""
     decoupled_weight_decay: float = 0.0
-    """An update first takes learning_rate times this of μ from μ, as AdamW does (Loshchilov and
+    """An update first multiplies μ by 1 - learning_rate · this, as AdamW does (Loshchilov and
     Hutter 2019): unlike weight_decay it adds no noise and shrinks all weights alike."""
     adam: bool = True
     """Step μ with Adam (β 0.99, 0.999; ε 1e-8) on the pair-difference gradient; otherwise plain
@@ -119,8 +119,8 @@ class TrainSettings:
     decoupled_weight_decay: Schedule | None = field(
         default=None,
         metadata={
-            "help": "every update also takes this times the learning rate of μ from μ, as AdamW "
-            "does; or a schedule, likewise (default: 0, the published code has none)"
+            "help": "every update first multiplies μ by 1 - learning rate × this, as AdamW does; "
+            "or a schedule, likewise (default: 0, the published code has none)"
         },
     )
     shaped_rewards: Schedule = field(
@@ -192,9 +192,13 @@ class TrainSettings:
         for _, value in self.weight_decay:
             if not 0 <= value <= 10_000:
                 raise InputError(f"weight-decay is {value}; it must be from 0 to 10000")
+        fastest = max(value for _, value in self.learning_rate)
         for _, value in self.decoupled_weight_decay:
-            if not 0 <= value <= 10:
-                raise InputError(f"decoupled-weight-decay is {value}; it must be from 0 to 10")
+            if not 0 <= value * fastest <= 1:
+                raise InputError(
+                    f"decoupled-weight-decay is {value}; times the learning rate ({fastest:g}) it "
+                    "must be from 0 to 1"
+                )
         for _, value in self.shaped_rewards:
             if value not in (0, 1):
                 raise InputError(f"shaped-rewards is {value}; it must be 0 or 1")

@@ -348,7 +348,7 @@ def test_wrong_settings_are_refused():
     for value in (-1.0, float("nan"), 1e300):
         with pytest.raises(InputError, match="weight-decay is .* from 0 to 10000"):
             settings(weight_decay=value)
-        with pytest.raises(InputError, match="decoupled-weight-decay is .* from 0 to 10"):
+        with pytest.raises(InputError, match="decoupled-weight-decay is .* from 0 to 1"):
             settings(decoupled_weight_decay=value)
     with pytest.raises(InputError, match="shaped-rewards is 2; it must be 0 or 1"):
         settings(shaped_rewards=2)
