@@ -131,18 +131,21 @@ def _in_parts(recording: Recording, name: str, words: dict | None = None) -> str
     )
 
 
+RATE_SIGNS = {
+    "learning_rate": "α",
+    "sigma_decay": "σ ×",
+    "weight_decay": "decay",
+    "decoupled_weight_decay": "AdamW",
+}
+
+
 def _settings_lines(settings: TrainSettings, generation: int) -> list[str]:
     """A generation's settings, those that the run changes at some time, as lines of a label."""
     value = {name: settings.at(name, generation) for name in SCHEDULES}
     lines = [f"{value['population']} × {value['rollouts']}"]
-    if len(settings.learning_rate) > 1:
-        lines.append(f"α {value['learning_rate']:g}")
-    if len(settings.sigma_decay) > 1:
-        lines.append(f"σ × {value['sigma_decay']:g}")
-    if len(settings.weight_decay) > 1:
-        lines.append(f"decay {value['weight_decay']:g}")
-    if len(settings.decoupled_weight_decay) > 1:
-        lines.append(f"AdamW {value['decoupled_weight_decay']:g}")
+    for name, sign in RATE_SIGNS.items():
+        if len(getattr(settings, name)) > 1:
+            lines.append(f"{sign} {value[name]:g}")
     if len(settings.shaped_rewards) > 1 or not value["shaped_rewards"]:
         lines.append("shaped rewards" if value["shaped_rewards"] else "plain rewards")
     return lines
@@ -262,16 +265,13 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
     sigma_start = settings.reinforce.sigma_start
     if sigma_start != PUBLISHED.sigma_start:
         defaults["σ at the start"] = (f"{sigma_start:g}", f"{PUBLISHED.sigma_start:g}")
-    if settings.weight_decay != ((0, PUBLISHED.weight_decay),):
-        defaults["weight decay"] = (
-            describe_schedule(settings.weight_decay, done),
-            PUBLISHED.weight_decay,
-        )
-    if settings.decoupled_weight_decay != ((0, PUBLISHED.decoupled_weight_decay),):
-        defaults["decoupled weight decay (AdamW)"] = (
-            describe_schedule(settings.decoupled_weight_decay, done),
-            PUBLISHED.decoupled_weight_decay,
-        )
+    for name, words in (
+        ("weight_decay", "weight decay"),
+        ("decoupled_weight_decay", "decoupled weight decay (AdamW)"),
+    ):
+        schedule, published = getattr(settings, name), getattr(PUBLISHED, name)
+        if schedule != ((0, published),):
+            defaults[words] = (describe_schedule(schedule, done), published)
     if settings.shaped_rewards != TrainSettings.shaped_rewards:
         defaults["shaped rewards"] = (describe_schedule(settings.shaped_rewards, done), 1)
     lines = [
