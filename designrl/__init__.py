@@ -4,8 +4,9 @@ import importlib
 
 import gymnasium
 
-__version__ = "0.1.0"
-__all__ = ["evaluate", "load"]
+from designrl.provenance import VERSION as __version__
+
+__all__ = ["__version__", "evaluate", "load"]
 
 # Time limits of the 2018 environments, in steps.
 for _name, _entry_point, _kwargs, _steps in (

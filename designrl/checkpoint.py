@@ -9,10 +9,7 @@ Loading one runs no code.
 import contextlib
 import dataclasses
 import hashlib
-import importlib.metadata
 import json
-import os
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +17,6 @@ import safetensors
 import safetensors.numpy
 from mcap.writer import MCAP0_MAGIC
 
-import designrl
 from designrl.errors import InputError
 from designrl.experiments import (
     PUBLISHED_ANT_NETWORK,
@@ -28,7 +24,9 @@ from designrl.experiments import (
     Network,
     get_experiment,
 )
+from designrl.files import file_hash, read_limited, write_atomically
 from designrl.policy import Agent
+from designrl.provenance import versions
 
 FORMAT = "designrl checkpoint 1"
 STATE_FORMAT = "designrl training state 1"
@@ -38,98 +36,20 @@ MENDS = {
 }
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
-LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
 
 
-@cache
-def versions() -> dict[str, str]:
-    """Versions of this package, of its sources and of the libraries that scores depend on."""
-    found = {name: importlib.metadata.version(name) for name in LIBRARIES}
-    return {"designrl": designrl.__version__, "sources": sources_hash(), **found}
-
-
-# What a score depends on; the rest (recordings, viewer, command line) may change without it.
-_SCORING_SOURCES = ("design.py", "experiments.py", "policy.py", "envs", "simulation")
-
-
-@cache
-def sources_hash() -> str:
-    """Hash of the sources that a score depends on (16 hex digits): names the code without git."""
-    root = Path(designrl.__file__).parent
-    files = [root / name for name in _SCORING_SOURCES]
-    files += [path for folder in files if folder.is_dir() for path in folder.rglob("*")]
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        if path.suffix in (".py", ".cpp", ".h", ".hpp"):
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def file_hash(path: str | Path) -> str:
-    """SHA-256 of a file, in hex."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-def write_atomically(path: str | Path, data: bytes) -> None:
-    """Write a file so that it holds either its old content or all of the new one.
-
-    Raises:
-        InputError: the file cannot be written (no space, no permission).
-    """
-    path = Path(path)
-    temporary = path.with_name(f".new-{path.name}-{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
-            try:
-                rest = memoryview(data)
-                while rest:
-                    rest = rest[os.write(file, rest) :]
-                os.fsync(file)
-            finally:
-                os.close(file)
-            os.replace(temporary, path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
-        # The new name, too, must survive a power cut before anything that builds on the file.
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be written ({error.strerror}); free some space, allow writing there or "
-            "choose another place"
-        ) from None
-
-
-def _read_limited(path: Path) -> bytes:
-    """A file's content, without taking memory for a large one, or waiting for a device."""
-    try:
-        found = path.stat()
-        if path.is_dir():
-            inside = path / "generations.mcap"
-            name = f"a file in it, as {inside}" if inside.exists() else "a file in it"
-            raise InputError(f"{path} is a folder; name {name}")
-        if not path.is_file():
-            raise InputError(f"{path} is not a file; name one")
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES)
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be read ({error.strerror}); check its name and permissions"
-        ) from None
+def _read(path: Path) -> bytes:
+    """The content of what should be one of our files."""
+    data = read_limited(path, MAX_FILE_BYTES)
     if data.startswith(MCAP0_MAGIC):
         raise InputError(
             f"{path} is a recording, not a checkpoint; open it with `designrl info` or "
             "`designrl replay`"
         )
-    if found.st_size > MAX_FILE_BYTES:
+    if len(data) > MAX_FILE_BYTES:
         raise InputError(
-            f"{path} has {found.st_size:,} bytes, too many for what it should be; name another"
+            f"{path} has {path.stat().st_size:,} bytes, too many for what it should be; name "
+            "another"
         )
     return data
 
@@ -141,7 +61,7 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
         InputError: missing, too large, damaged or not of that format.
     """
     path = Path(path)
-    data = _read_limited(path)
+    data = _read(path)
     part = "whole " if data[8:9] in (b"", b"{") else ""  # there, any safetensors' header begins
     damaged = f"{path} is not a {part}{format_name} file; {MENDS[format_name]}"
     header_bytes = int.from_bytes(data[:8], "little")
@@ -253,7 +173,7 @@ def load_published(path: str | Path, experiment: Experiment) -> Agent:
 
 
 def _read_published(path: Path) -> tuple[np.ndarray, float]:
-    data = _read_limited(path)
+    data = _read(path)
     try:
         parameters, score = json.loads(data.decode())
         return np.array(parameters, dtype=np.float64), float(score)

@@ -28,6 +28,7 @@ from designrl.checkpoint import STATE_FORMAT
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
+from designrl.provenance import versions
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
 from designrl.settings import (
@@ -276,7 +277,7 @@ class TrainingRun:
                 "score_std": float(result.returns.std()),
                 "score_episodes": episodes,
                 "environment_steps": progress.total_steps,
-                "versions": checkpoint.versions(),
+                "versions": versions(),
             },
         )
         recorder.evaluation(
@@ -305,7 +306,7 @@ class TrainingRun:
                 "generation": generation,
                 "failure": error.reason,
                 "episode_seeds": error.seeds.tolist(),
-                "versions": checkpoint.versions(),
+                "versions": versions(),
             }
             checkpoint.save(Agent(self.experiment, candidates[error.index], metadata=about), path)
             raise InputError(
@@ -338,7 +339,7 @@ class TrainingRun:
             "experiment": self.experiment.name,
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
-            "versions": json.dumps(checkpoint.versions(), sort_keys=True),
+            "versions": json.dumps(versions(), sort_keys=True),
             "host": f"{platform.system()} {_processor()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
             "command": self.settings.command(),
@@ -351,7 +352,7 @@ class TrainingRun:
             "experiment": self.experiment.name,
             "settings": self.settings.as_dict(),
             "progress": dataclasses.asdict(self.progress),
-            "versions": checkpoint.versions(),
+            "versions": versions(),
         }
         self._snapshot = self.optimiser.state(), metadata
 

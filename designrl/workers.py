@@ -22,8 +22,8 @@ from multiprocessing import connection
 
 import numpy as np
 
-from designrl.checkpoint import sources_hash
 from designrl.errors import InputError
+from designrl.provenance import sources_hash
 
 MAX_FAILURES = 3  # of one task, before it is blamed and not its workers
 START_SECONDS = 120.0  # for a worker to start, on a busy machine

@@ -20,7 +20,7 @@ from types import ModuleType
 
 from tqdm import tqdm
 
-from designrl.checkpoint import file_hash, write_atomically
+from designrl.files import file_hash, write_atomically
 from reproduce import scores
 
 PACKAGE = Path(__file__).parent

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 import designrl  # noqa: F401 (registers the environments)
-from designrl.checkpoint import write_atomically
 from designrl.design import SCALE_MAX, SCALE_MIN, WALKER
 from designrl.evaluation import episode_seeds
 from designrl.experiments import EXPERIMENTS, Experiment
+from designrl.files import write_atomically
 from designrl.policy import Agent
 from reproduce import scores
 from reproduce.scores import Score

@@ -14,8 +14,8 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from designrl.checkpoint import write_atomically
 from designrl.experiments import EXPERIMENTS
+from designrl.files import write_atomically
 from reproduce import scores
 from reproduce.drawing import typical_seed
 from reproduce.scores import Score

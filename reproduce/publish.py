@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from designrl.checkpoint import STATE_FORMAT, file_hash, load, read_tensors
+from designrl.checkpoint import STATE_FORMAT, load, read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, Experiment
+from designrl.files import file_hash
 from designrl.recording import Recording, read, thin
 from designrl.recording.mcap_file import RESUMED, RUN
 from designrl.settings import PUBLISHED, SCHEDULES, TrainSettings, describe_schedule

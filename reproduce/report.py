@@ -17,9 +17,10 @@ from pathlib import Path
 import markdown
 import numpy as np
 
-from designrl.checkpoint import file_hash, read_tensors, write_atomically
+from designrl.checkpoint import read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
+from designrl.files import file_hash, write_atomically
 from designrl.recording import read
 from designrl.settings import COUNTS, TrainSettings, describe_schedule
 from designrl.train import STATE_FORMAT

@@ -18,11 +18,13 @@ import numpy as np
 from tqdm import tqdm
 
 import designrl
-from designrl.checkpoint import file_hash, load, versions, write_atomically
+from designrl.checkpoint import load
 from designrl.errors import InputError
 from designrl.evaluation import evaluate
 from designrl.experiments import EXPERIMENTS
+from designrl.files import file_hash, write_atomically
 from designrl.policy import Agent
+from designrl.provenance import versions
 
 ROOT = Path(__file__).resolve().parents[1]
 CACHE = ROOT / ".cache" / "scores"

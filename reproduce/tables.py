@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tabulate import tabulate
 
-from designrl.checkpoint import write_atomically
+from designrl.files import write_atomically
 from reproduce import scores
 from reproduce.scores import Score
 

@@ -36,6 +36,7 @@ from designrl import checkpoint  # noqa: E402
 from designrl.errors import InputError  # noqa: E402
 from designrl.experiments import get_experiment  # noqa: E402
 from designrl.policy import Agent  # noqa: E402
+from designrl.provenance import versions  # noqa: E402
 from designrl.recording import RunWriter, describe, read, record_rollout, schema_pb2  # noqa: E402
 from designrl.settings import TrainSettings  # noqa: E402
 from designrl.train import TrainingRun  # noqa: E402
@@ -60,7 +61,7 @@ def originals(folder: Path) -> dict[str, bytes]:
     experiment, rng = get_experiment(EXPERIMENT), np.random.default_rng(0)
     parameters = 0.1 * rng.standard_normal(experiment.num_parameters).round(4)
     about = {"seed": 0, "generation": 3, "score": 1.5, "settings": {"population": 4}}
-    agent = Agent(experiment, parameters, metadata={**about, "versions": checkpoint.versions()})
+    agent = Agent(experiment, parameters, metadata={**about, "versions": versions()})
     checkpoint.save(agent, folder / "agent.safetensors")
     run = TrainingRun(TrainSettings(EXPERIMENT), folder / "run")
     run._save_state()

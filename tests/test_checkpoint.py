@@ -8,7 +8,6 @@ import pytest
 from designrl.checkpoint import (
     STATE_FORMAT,
     describe,
-    file_hash,
     load,
     load_published,
     read_tensors,
@@ -17,6 +16,7 @@ from designrl.checkpoint import (
 )
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
+from designrl.files import file_hash
 from designrl.policy import Agent
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import designrl.workers
-from designrl.checkpoint import file_hash
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
+from designrl.files import file_hash
 from designrl.recording import read
 from designrl.settings import TrainSettings
 from designrl.simulation import Simulator

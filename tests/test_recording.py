@@ -20,10 +20,10 @@ from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
 
-from designrl.checkpoint import versions
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.policy import Agent
+from designrl.provenance import versions
 from designrl.recording import (
     RecordingError,
     RunWriter,

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from designrl import plan, simulation
-from designrl.checkpoint import file_hash, load, read_tensors, write_tensors
+from designrl.checkpoint import load, read_tensors, write_tensors
 from designrl.errors import InputError
+from designrl.files import file_hash
 from designrl.recording import read
 from designrl.settings import TrainSettings, parse_schedule
 from designrl.simulation import EpisodeRules, Simulator

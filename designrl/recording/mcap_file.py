@@ -17,8 +17,8 @@ from pathlib import Path
 from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-import designrl
 from designrl.errors import InputError
+from designrl.provenance import VERSION
 
 CHUNK_BYTES = 2**20  # uncompressed; what a chunk may hold before it is compressed and written
 SEAL_SECONDS = 1.0  # between two seals at least; also the most that a kill can cost
@@ -96,7 +96,7 @@ class McapFile:
         self.last_log_time = 0
         # Summary offsets are the one part of the end that a repeated finish() would write twice.
         self._writer = Writer(self._tail, chunk_size=CHUNK_BYTES, use_summary_offsets=False)
-        self._writer.start(library=f"designrl {designrl.__version__}")
+        self._writer.start(library=f"designrl {VERSION}")
 
     def _failure(self, error: OSError) -> RecordingError:
         # Neither a file of before nor what was sealed of this one is harmed.

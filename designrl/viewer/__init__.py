@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from designrl.checkpoint import write_atomically
 from designrl.errors import InputError
+from designrl.files import write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
 from designrl.viewer.data import log_recording

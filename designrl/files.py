@@ -1,0 +1,84 @@
+"""Files as a whole: written so that a kill loses nothing, read without taking all memory."""
+
+import hashlib
+import os
+from pathlib import Path
+
+from designrl.errors import InputError
+
+
+def file_hash(path: str | Path) -> str:
+    """SHA-256 of a file, in hex."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def write_atomically(path: str | Path, data: bytes) -> None:
+    """Write a file so that it holds either its old content or all of the new one.
+
+    Raises:
+        InputError: the file cannot be written (no space, no permission).
+    """
+    path = Path(path)
+    temporary = path.with_name(f".new-{path.name}-{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+            try:
+                rest = memoryview(data)
+                while rest:
+                    rest = rest[os.write(file, rest) :]
+                os.fsync(file)
+            finally:
+                os.close(file)
+            replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise cannot_write(path, error) from None
+
+
+def replace(temporary: Path, path: Path) -> None:
+    """Give a file that is on the disk its name, so that a power cut spares the new name, too.
+
+    Raises:
+        OSError: as the system says.
+    """
+    os.replace(temporary, path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def cannot_write(path: Path, error: OSError) -> InputError:
+    """What to say where a file cannot be written."""
+    return InputError(
+        f"{path} cannot be written ({error.strerror}); free some space, allow writing there or "
+        "choose another place"
+    )
+
+
+def read_limited(path: str | Path, limit: int) -> bytes:
+    """A file's first `limit` bytes and one more, if it has them; waits for no device.
+
+    Raises:
+        InputError: missing, a folder, not a plain file, or not readable.
+    """
+    path = Path(path)
+    try:
+        path.stat()
+        if path.is_dir():
+            inside = path / "generations.mcap"
+            name = f"a file in it, as {inside}" if inside.exists() else "a file in it"
+            raise InputError(f"{path} is a folder; name {name}")
+        if not path.is_file():
+            raise InputError(f"{path} is not a file; name one")
+        with path.open("rb") as file:
+            return file.read(limit + 1)
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read ({error.strerror}); check its name and permissions"
+        ) from None

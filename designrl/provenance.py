@@ -1,0 +1,43 @@
+"""Where a result comes from: versions of the code and its libraries, and the processor."""
+
+import hashlib
+import importlib.metadata
+import platform
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+VERSION = "0.1.0"
+LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
+# What a score depends on; the rest (recordings, viewer, command line) may change without it.
+_SCORING_SOURCES = ("bodies", "design.py", "engine", "envs", "experiments.py", "policy.py")
+_SCORING_SOURCES += ("simulation.py",)
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of this package, of its sources and of the libraries that scores depend on."""
+    found = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    return {"designrl": VERSION, "sources": sources_hash(), **found}
+
+
+@cache
+def sources_hash() -> str:
+    """Hash of the sources that a score depends on (16 hex digits): names the code without git."""
+    root = Path(__file__).parent
+    files = [root / name for name in _SCORING_SOURCES]
+    files += [path for folder in files if folder.is_dir() for path in folder.rglob("*")]
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        if path.suffix in (".py", ".cpp", ".h"):
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def processor() -> str:
+    """The processor, with its name where Linux tells it: core-hours mean little without."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return f"{platform.machine()} {line.partition(':')[2].strip()}"
+    return platform.machine()
