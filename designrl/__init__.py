@@ -4,9 +4,10 @@ import importlib
 
 import gymnasium
 
-from designrl.provenance import VERSION as __version__
+from designrl.provenance import VERSION
 
-__all__ = ["__version__", "evaluate", "load"]
+__version__ = VERSION
+__all__ = ["evaluate", "load"]
 
 # Time limits of the 2018 environments, in steps.
 for _name, _entry_point, _kwargs, _steps in (
