@@ -1,11 +1,14 @@
+import pickle
+
 import numpy as np
 import pytest
 import torch
 
+from designrl import engine
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.network import TanhPolicy
-from designrl.policy import Agent, tanh32
+from designrl.policy import Agent, forward_function, tanh32
 
 
 def random_agent(name, seed=0, network=None, scale=0.5):
@@ -36,6 +39,28 @@ def test_act_sums_inputs_in_order_in_float32():
         expected = tanh32(total + weights[start : start + outputs])
         start += outputs
     np.testing.assert_array_equal(agent.act(x), expected)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_compiled_policy_has_the_bits_of_numpys(name):
+    if reason := engine.missing_reason():
+        pytest.skip(reason)
+    agent = random_agent(name)
+    in_numpy = forward_function(agent.network, agent.parameters[: agent.network.num_parameters])
+    rng = np.random.default_rng(1)
+    for noise in (None, np.float32([0.1] * agent.network.sizes[-1])):
+        for _ in range(50):
+            x = rng.standard_normal(agent.network.sizes[0]).astype(np.float32)
+            np.testing.assert_array_equal(agent._forward(x, noise), in_numpy(x, noise))
+
+
+def test_an_agent_survives_pickling():
+    agent = random_agent("ant-morphology")
+    agent.act(np.zeros(28))
+    again = pickle.loads(pickle.dumps(agent))
+    for each in (agent, again):
+        each.reset(3)
+    np.testing.assert_array_equal(again.act(np.ones(28), 5), agent.act(np.ones(28), 5))
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
+from designrl.simulation.reference import run_episode
 from tqdm import tqdm
 
 import designrl  # noqa: F401 (registers the environments)
@@ -29,7 +30,6 @@ from designrl.design import leg_area_reward_factor
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
 from designrl.simulation.engine import WalkerEngine, engine_missing_reason
-from designrl.simulation.reference import run_episode
 
 WEIGHT_STDS = (0.1, 0.5, 1.0)  # of random networks
 ZOO_FILES = {

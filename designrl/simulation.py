@@ -5,27 +5,28 @@
     result.returns, result.steps                    # (N, R) float64, (N, R) int64
 
 `backend="reference"` runs the Gymnasium environments, in this process or in a pool of processes;
-`backend="engine"` runs the compiled walker engine, which gives the same bits. Either runs on a Ray
+`backend="engine"` runs the compiled engine, which gives the same bits. Either runs on a Ray
 cluster, too.
 """
 
+import inspect
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, partial
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
 
+import gymnasium
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 
-from designrl.design import leg_area_reward_factor
+from designrl import engine, envs
 from designrl.errors import InputError
-from designrl.experiments import Experiment, Network, get_experiment
-from designrl.simulation.reference import EpisodeRules, run_episodes
+from designrl.experiments import Experiment, Network, Shaping, get_experiment
+from designrl.policy import Agent
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
-__all__ = ["EVALUATION", "CandidateError", "EpisodeRules", "RolloutResult", "Simulator"]
-
-EVALUATION = EpisodeRules()
 BACKENDS = ("engine", "reference")
 EPISODE_SECONDS = 30.0  # at most, on a busy machine; an episode takes 0.4 s on an idle one
 PIECES_PER_WORKER = 8  # of a generation: enough to keep all workers busy to the end of it
@@ -59,18 +60,40 @@ class RolloutResult:
     steps: np.ndarray
 
 
+@dataclass(frozen=True)
+class Episodes:
+    """What kind of episodes to run; travels to the workers.
+
+    Attributes:
+        experiment, network: whose.
+        env_kwargs: keywords of the environment.
+        shaping: changes of the rewards, if any.
+    """
+
+    experiment: Experiment
+    network: Network
+    env_kwargs: dict = field(default_factory=dict)
+    shaping: Shaping | None = None
+
+
 class Simulator:
     """Runs episodes of one experiment.
 
     Args:
         experiment: name or Experiment.
-        backend: "engine" (walkers; falls back to the reference, with one sentence, where it cannot
-            run; the ant has no engine, only its policy is compiled) or "reference".
+        backend: "engine" (falls back to the reference, with one sentence, where it cannot run) or
+            "reference".
         network: where it differs from the experiment's (the published original ant).
-        lidar: "v2", the paper's, or "v3"; walkers only.
         workers: processes (reference) or threads (engine), at least 1.
         ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
             has no meaning then.
+        env_kwargs: keywords of the environment, `lidar="v3"` for instance.
+
+    Attributes:
+        backend: that runs.
+
+    Raises:
+        InputError: an argument that is not one of these, or that the environment does not take.
 
     Use it as a context manager, or `close()` it, to end its worker processes.
     """
@@ -80,38 +103,32 @@ class Simulator:
         experiment: str | Experiment,
         backend: str = "engine",
         network: Network | None = None,
-        lidar: str = "v2",
         workers: int = 1,
         ray: str | None = None,
+        **env_kwargs,
     ):
         if backend not in BACKENDS:
             raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
         if workers < 1:
             raise InputError(f"the number of workers is {workers}; it must be at least 1")
-        if lidar not in ("v2", "v3"):
-            raise InputError(f'lidar is {lidar!r}; it must be "v2" (the paper\'s) or "v3"')
         self.experiment = get_experiment(experiment)
-        if lidar != "v2" and not self.experiment.is_walker:
-            raise InputError(f"{self.experiment.name} has no LIDAR; leave out lidar={lidar!r}")
         self.network = network or self.experiment.network
-        if self.network not in self.experiment.networks:
-            raise InputError(f"{self.experiment.name} does not have the network {self.network}")
-        self.lidar = lidar
-        self._engine = None
-        if backend == "engine" and self.experiment.is_walker:
-            from designrl.simulation.engine import WalkerEngine, engine_missing_reason
-
-            reason = engine_missing_reason()
-            if reason is None:
-                self._engine = WalkerEngine(self.experiment.hardcore, lidar, threads=workers)
-            else:
+        self.workers = workers
+        self._env_kwargs = env_kwargs
+        self._parameters = self.experiment.parameters_with(self.network)
+        _check_keywords(self.experiment, env_kwargs)
+        if backend == "engine":
+            reason = engine.missing_reason()
+            if envs.engine_task(self.experiment.env_id, **env_kwargs) is None:
+                backend = "reference"
+            elif reason:
                 print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
-        self.backend = "engine" if self._engine else "reference"
-        self._compiled_policy = backend == "engine" and not self.experiment.is_walker
+                backend = "reference"
+        self.backend = backend
         self._pool = None
         if ray is not None:
             self._pool = RayWorkers(ray)
-        elif workers > 1 and not self._engine:
+        elif workers > 1 and backend == "reference":
             self._pool = ProcessWorkers(workers)
 
     @property
@@ -123,7 +140,8 @@ class Simulator:
         self,
         candidates: np.ndarray,
         seeds: np.ndarray,
-        rules: EpisodeRules = EVALUATION,
+        training: bool = False,
+        shaped: bool = False,
         progress: Callable[[int], None] | None = None,
     ) -> RolloutResult:
         """Run each candidate once with each of its seeds.
@@ -131,22 +149,36 @@ class Simulator:
         Args:
             candidates: (N, P) flat parameter vectors, float64.
             seeds: (N, R) seeds of the episodes, 0 <= seed < 2**63.
-            rules: training-time changes of the reward; by default none.
+            training: in the environment as training has it (`Experiment.training_kwargs`).
+            shaped: with the rewards that the published code changes in training.
             progress: called with the number of episodes that have ended since its last call.
 
         Raises:
-            InputError: shapes that do not fit the experiment or each other; parameters that are not
-                finite; seeds that are not whole numbers of at least 0.
+            InputError: shapes that do not fit the experiment or each other; parameters that are
+                not finite float32 numbers; seeds that are not whole numbers of at least 0.
             CandidateError: a candidate crashes the simulation each time, or its return is no number
                 (an in-process simulation that crashes takes this process with it).
         """
+        candidates, seeds = self._checked(candidates, seeds)
+        kwargs = {**(self.experiment.training_kwargs if training else {}), **self._env_kwargs}
+        shaping = self.experiment.shaping if shaped else None
+        episodes = Episodes(self.experiment, self.network, kwargs, shaping)
+        if self.backend == "engine" and not self._pool:
+            result = self._in_threads(episodes, candidates, seeds, progress)
+        else:
+            result = self._in_pieces(episodes, candidates, seeds, progress)
+        finite = np.isfinite(result.returns).all(axis=1)
+        if not finite.all():
+            index = int(np.argmin(finite))
+            raise CandidateError(index, seeds[index], "its return is not a finite number")
+        return result
+
+    def _checked(self, candidates, seeds) -> tuple[np.ndarray, np.ndarray]:
         candidates = np.asarray(candidates, dtype=np.float64)
         seeds = np.asarray(seeds)
-        design_size = self.experiment.design.size if self.experiment.design else 0
-        expected = self.network.num_parameters + design_size
-        if candidates.ndim != 2 or candidates.shape[1] != expected:
+        if candidates.ndim != 2 or candidates.shape[1] != self._parameters:
             raise InputError(
-                f"candidates of {self.experiment.name} must have shape (N, {expected}), "
+                f"candidates of {self.experiment.name} must have shape (N, {self._parameters}), "
                 f"got {candidates.shape}"
             )
         if seeds.ndim != 2 or len(seeds) != len(candidates):
@@ -154,26 +186,26 @@ class Simulator:
                 f"seeds must have shape ({len(candidates)}, R), one row per candidate, "
                 f"got {seeds.shape}"
             )
-        if not np.isfinite(candidates).all():
-            i, j = np.argwhere(~np.isfinite(candidates))[0]
-            raise InputError(f"candidate {i}: parameter {j} is not a finite number")
-        if seeds.shape[1] < 1 or seeds.dtype.kind not in "iu" or seeds.min(initial=0) < 0:
-            raise InputError("each candidate needs a seed at least, a whole number from 0")
-        seeds = seeds.astype(np.int64)
-        if self._engine and not self._pool:
-            result = self._rollout_engine(candidates, seeds, rules, progress)
-        else:
-            result = self._rollout_pieces(candidates, seeds, rules, progress)
-        finite = np.isfinite(result.returns).all(axis=1)
-        if not finite.all():
-            index = int(np.argmin(finite))
-            raise CandidateError(index, seeds[index], "its return is not a finite number")
-        return result
+        usable = np.abs(candidates) <= np.finfo(np.float32).max  # false for NaN
+        if not usable.all():
+            i, j = np.argwhere(~usable)[0]
+            raise InputError(f"candidate {i}: parameter {j} is not a finite float32 number")
+        largest = np.iinfo(np.int64).max
+        if (
+            seeds.shape[1] < 1
+            or seeds.dtype.kind not in "iu"
+            or seeds.min(initial=0) < 0
+            or seeds.max(initial=0) > largest
+        ):
+            raise InputError(
+                "each candidate needs a seed at least, a whole number from 0 to 2**63 - 1"
+            )
+        return candidates, seeds.astype(np.int64)
 
-    def _rollout_engine(self, candidates, seeds, rules, progress) -> RolloutResult:
-        run = partial(_run_engine, self._engine, self.experiment.name, rules)
+    def _in_threads(self, episodes, candidates, seeds, progress) -> RolloutResult:
+        run = partial(run_engine, episodes, threads=self.workers)
         try:
-            return RolloutResult(*run(candidates, seeds, progress))
+            return RolloutResult(*run(candidates, seeds, progress=progress))
         except InputError:
             for index in range(len(seeds)):  # which one was it?
                 try:
@@ -182,20 +214,9 @@ class Simulator:
                     raise CandidateError(index, seeds[index], str(error)) from None
             raise
 
-    def _rollout_pieces(self, candidates, seeds, rules, progress) -> RolloutResult:
-        if self._engine:
-            function = partial(_run_cached_engine, self.experiment.name, self.lidar, rules)
-            least = ENGINE_LANES
-        else:
-            function = partial(
-                _run_reference,
-                self.experiment.name,
-                self.network,
-                rules,
-                self.lidar,
-                self._compiled_policy,
-            )
-            least = 1
+    def _in_pieces(self, episodes, candidates, seeds, progress) -> RolloutResult:
+        function = partial(run_engine if self.backend == "engine" else run_reference, episodes)
+        least = ENGINE_LANES if self.backend == "engine" else 1
         run = self._pool.run if self._pool else run_here
         count = self._pool.count if self._pool else 1
         returns, steps = np.empty(seeds.shape), np.empty(seeds.shape, dtype=np.int64)
@@ -235,6 +256,15 @@ class Simulator:
         self.close()
 
 
+def _check_keywords(experiment: Experiment, kwargs: dict) -> None:
+    if not kwargs:
+        return  # and the environment's module need not be loaded to see what it takes
+    creator = load_env_creator(gymnasium.spec(experiment.env_id).entry_point)
+    unknown = sorted(set(kwargs) - set(inspect.signature(creator).parameters))
+    if unknown:
+        raise InputError(f"{experiment.name} has no {unknown[0]}; leave it out")
+
+
 def _pieces(n: int, r: int, workers: int, least: int) -> list[tuple[slice, slice]]:
     """Cut (N, R) episodes into the tasks of so many workers: rows and columns of each.
 
@@ -252,45 +282,61 @@ def _pieces(n: int, r: int, workers: int, least: int) -> list[tuple[slice, slice
     ]
 
 
-def _run_reference(experiment_name, network, rules, lidar, compiled_policy, candidates, seeds):
-    """(n, r) returns and steps of some candidates in the Gymnasium environments."""
-    results = [
-        run_episodes(experiment_name, network, rules, lidar, compiled_policy, parameters, row)
-        for parameters, row in zip(candidates, seeds, strict=True)
-    ]
-    returns, steps = zip(*results, strict=True)
-    return np.array(returns), np.array(steps)
+def run_reference(
+    episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n, r) returns and (n, r) steps of some candidates in the Gymnasium environment."""
+    returns, steps = np.empty(seeds.shape), np.empty(seeds.shape, dtype=np.int64)
+    env_id = episodes.experiment.env_id
+    with closing(gymnasium.make(env_id, disable_env_checker=True, **episodes.env_kwargs)) as env:
+        for i, parameters in enumerate(candidates):
+            agent = Agent(episodes.experiment, parameters, episodes.network)
+            for j, seed in enumerate(seeds[i].tolist()):
+                returns[i, j], steps[i, j] = run_episode(env, agent, seed, episodes.shaping)
+    return returns, steps
 
 
-def _run_engine(engine, experiment_name, rules, candidates, seeds, progress=None):
-    """(n, r) returns and steps of some candidates in the compiled engine."""
-    experiment = get_experiment(experiment_name)
-    split, design = experiment.network.num_parameters, experiment.design
-    size = experiment.body.size
-    scales = design.scales(candidates[:, split:]) if design else np.ones((len(seeds), size))
-    factors = leg_area_reward_factor(scales) if rules.leg_area_reward else np.ones(len(seeds))
+def run_episode(
+    env: gymnasium.Env, agent: Agent, seed: int, shaping: Shaping | None = None
+) -> tuple[float, int]:
+    """Return (the sum of rewards in float64) and number of steps of one episode."""
+    total, steps, free = 0.0, 0, False
+    for step in agent.play(env, seed):
+        steps += 1
+        if shaping and step.info["reward_terms"][shaping.free_term]:
+            free = True
+        else:
+            total += step.reward
+    if shaping and not free and total > shaping.solved_return:
+        total += shaping.solved_bonus
+    return total, steps
+
+
+def run_engine(
+    episodes: Episodes,
+    candidates: np.ndarray,
+    seeds: np.ndarray,
+    threads: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same from the compiled engine; where a worker has none, from the reference."""
+    if engine.missing_reason():
+        return run_reference(episodes, candidates, seeds)
+    experiment, network = episodes.experiment, episodes.network
+    task, reward_factors = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
+    split = network.num_parameters
+    scales = np.ones((len(seeds), experiment.body.design.size))
+    if experiment.design:
+        scales = experiment.design.scales(candidates[:, split:])
     return engine.rollout(
+        task,
+        network.sizes,
         candidates[:, :split],
         scales,
-        factors,
+        reward_factors(scales),
         seeds,
-        training=rules.training,
+        output_tanh=network.output == "tanh",
+        shaped=episodes.shaping is not None,
+        threads=threads,
         progress=progress,
     )
-
-
-@cache
-def _cached_engine(hardcore: bool, lidar: str):
-    """The engine of a worker, with one thread; None where it cannot run."""
-    from designrl.simulation.engine import WalkerEngine, engine_missing_reason
-
-    return None if engine_missing_reason() else WalkerEngine(hardcore, lidar, threads=1)
-
-
-def _run_cached_engine(experiment_name, lidar, rules, candidates, seeds):
-    experiment = get_experiment(experiment_name)
-    engine = _cached_engine(experiment.hardcore, lidar)
-    if engine is None:  # the reference gives the same bits
-        network = experiment.network
-        return _run_reference(experiment_name, network, rules, lidar, False, candidates, seeds)
-    return _run_engine(engine, experiment_name, rules, candidates, seeds)
