@@ -65,7 +65,7 @@ def plan(run: TrainingRun) -> Plan:
     settings, first = run.settings, run.progress.generation
     episodes = settings.population * settings.rollouts
     every, end = settings.evaluate_every, settings.generations
-    evaluations = end // every - first // every + (end % every != 0)
+    evaluations = end // every - first // every + (first < end and end % every != 0)
     candidates = run.candidates()
     backend, speed, length = _simulation_speed(run, candidates)
     longest = gymnasium.spec(run.experiment.env_id).max_episode_steps
