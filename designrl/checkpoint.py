@@ -236,7 +236,7 @@ def describe(path: str | Path) -> str:
             values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)
             lines.append(f"{label:12} {values}")
     if agent.design is not None:
-        body = agent.experiment.body
+        body = agent.experiment.design
         lines.append(f"design       in % of the original, and in {body.unit}")
         for name, scale, size in zip(
             body.names, agent.design, body.dimensions(agent.design), strict=True

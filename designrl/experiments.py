@@ -4,7 +4,10 @@ import difflib
 from dataclasses import dataclass
 from functools import cached_property
 
-from designrl.design import ANT, WALKER, DesignSpace
+from designrl.bodies import Body
+from designrl.bodies.ant import ANT
+from designrl.bodies.walker import WALKER
+from designrl.design import DesignSpace
 from designrl.errors import InputError
 
 
@@ -40,8 +43,9 @@ class Experiment:
         name: as the commands take it.
         letter, title: row of Table 3.
         env_id: Gymnasium environment.
+        body: what it moves.
         network: the policy, as the paper's text gives it.
-        design: the learned body; None where the body is fixed.
+        learns_design: the body is learned, too.
         leg_area_reward: training reward grows as the legs shrink (section 4.2).
         generations: the paper's number of generations.
         population: candidates per generation (section 4).
@@ -52,8 +56,9 @@ class Experiment:
     letter: str
     title: str
     env_id: str
+    body: Body
     network: Network
-    design: DesignSpace | None
+    learns_design: bool
     leg_area_reward: bool
     generations: int
     population: int = 192
@@ -75,9 +80,9 @@ class Experiment:
         return (self.network, PUBLISHED_ANT_NETWORK) if self.name == "ant" else (self.network,)
 
     @property
-    def body(self) -> DesignSpace:
-        """The dimensions of its body, learned or not."""
-        return WALKER if self.is_walker else ANT
+    def design(self) -> DesignSpace | None:
+        """The dimensions that are learned; None where the body is fixed."""
+        return self.body.design if self.learns_design else None
 
     @property
     def num_parameters(self) -> int:
@@ -102,16 +107,19 @@ _ANT, _BIPED, _HARDCORE = (
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
-        Experiment("ant", "a", "Ant", _ANT, _ANT_NETWORK, None, False, 3000),
-        Experiment("ant-morphology", "b", "Ant + Morphology", _ANT, _ANT_NETWORK, ANT, False, 3000),
-        Experiment("biped", "c", "Biped", _BIPED, _WALKER_NETWORK, None, False, 5000),
+        Experiment("ant", "a", "Ant", _ANT, ANT, _ANT_NETWORK, False, False, 3000),
+        Experiment(
+            "ant-morphology", "b", "Ant + Morphology", _ANT, ANT, _ANT_NETWORK, True, False, 3000
+        ),
+        Experiment("biped", "c", "Biped", _BIPED, WALKER, _WALKER_NETWORK, False, False, 5000),
         Experiment(
             "biped-morphology",
             "d",
             "Biped + Morphology",
             _BIPED,
-            _WALKER_NETWORK,
             WALKER,
+            _WALKER_NETWORK,
+            True,
             False,
             5000,
         ),
@@ -120,21 +128,31 @@ EXPERIMENTS: dict[str, Experiment] = {
             "e",
             "Biped + Morphology + Smaller Leg",
             _BIPED,
-            _WALKER_NETWORK,
             WALKER,
+            _WALKER_NETWORK,
+            True,
             True,
             5000,
         ),
         Experiment(
-            "biped-hardcore", "f", "Biped Hardcore", _HARDCORE, _WALKER_NETWORK, None, False, 10000
+            "biped-hardcore",
+            "f",
+            "Biped Hardcore",
+            _HARDCORE,
+            WALKER,
+            _WALKER_NETWORK,
+            False,
+            False,
+            10000,
         ),
         Experiment(
             "biped-hardcore-morphology",
             "g",
             "Biped Hardcore + Morphology",
             _HARDCORE,
-            _WALKER_NETWORK,
             WALKER,
+            _WALKER_NETWORK,
+            True,
             False,
             10000,
         ),
@@ -143,13 +161,19 @@ EXPERIMENTS: dict[str, Experiment] = {
             "h",
             "Biped Hardcore + Morphology + Smaller Leg",
             _HARDCORE,
-            _WALKER_NETWORK,
             WALKER,
+            _WALKER_NETWORK,
+            True,
             True,
             10000,
         ),
     )
 }
+
+
+def register(experiment: Experiment) -> None:
+    """Add an experiment, which commands and recordings then know by its name."""
+    EXPERIMENTS[experiment.name] = experiment
 
 
 def get_experiment(name: str | Experiment) -> Experiment:
@@ -164,4 +188,4 @@ def get_experiment(name: str | Experiment) -> Experiment:
         return EXPERIMENTS[name]
     near = difflib.get_close_matches(str(name), EXPERIMENTS, n=1)
     guess = f"did you mean {near[0]!r}? " if near else ""
-    raise InputError(f"unknown experiment {name!r}; {guess}`designrl experiments` lists all eight")
+    raise InputError(f"unknown experiment {name!r}; {guess}`designrl experiments` lists all")

@@ -9,7 +9,10 @@ same bits. `designrl.network.TanhPolicy` is the same network in torch, for every
 gradients or batches; the two agree to float32 rounding.
 """
 
+from collections.abc import Iterator
 from functools import cached_property
+from itertools import count
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -59,6 +62,25 @@ def split_layers(network: Network, parameters) -> list:
     if network.noise:
         views.append(parameters[start : start + network.sizes[-1]])
     return views
+
+
+class Step(NamedTuple):
+    """One step of an episode.
+
+    Attributes:
+        t: its index, from 0.
+        observation: (O,) what the agent saw before it.
+        action: (A,) what it did.
+        reward, terminated, truncated, info: what the environment answered.
+    """
+
+    t: int
+    observation: np.ndarray
+    action: np.ndarray
+    reward: float
+    terminated: bool
+    truncated: bool
+    info: dict[str, Any]
 
 
 class Agent:
@@ -117,13 +139,38 @@ class Agent:
     @property
     def body(self) -> np.ndarray:
         """(D,) scales of the body it walks with: its design, or ones for the original body."""
-        return np.ones(self.experiment.body.size) if self.design is None else self.design
+        return np.ones(self.experiment.body.design.size) if self.design is None else self.design
 
     def reset(self, seed: int) -> None:
         """Start an episode: the output noise, if any, is a function of the seed alone."""
         if self._noise_std is not None:
             # A stream of its own, apart from the environment's, which starts from the same seed.
             self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+
+    def start(self, env, seed: int) -> np.ndarray:
+        """Start an episode in an environment of its experiment, in its own body.
+
+        Args:
+            seed: of the environment and of the output noise.
+
+        Returns: (O,) the first observation.
+        """
+        self.reset(seed)
+        observation, _ = env.reset(seed=seed, options={"design": self.body})
+        return observation
+
+    def steps(self, env, observation: np.ndarray) -> Iterator[Step]:
+        """Act from an observation on until the episode ends, step by step."""
+        for t in count():
+            seen, action = observation, self.act(observation, t)
+            observation, reward, terminated, truncated, info = env.step(action)
+            yield Step(t, seen, action, reward, terminated, truncated, info)
+            if terminated or truncated:
+                return
+
+    def play(self, env, seed: int) -> Iterator[Step]:
+        """`start` and `steps`: one episode from its seed."""
+        return self.steps(env, self.start(env, seed))
 
     def act(self, observation: np.ndarray, t: int = 0) -> np.ndarray:
         """Action (A,) float32 for an observation (O,) at step t, counted from 0.

@@ -14,15 +14,14 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import PPO
 
 import designrl  # noqa: F401
-from designrl.design import ANT
+from designrl.bodies.ant import ANT, leg_capsules, mjcf
 from designrl.envs import ant
-from designrl.envs.ant import FEET, JOINTS, OBSERVATIONS, PARTS, REWARD_TERMS, Ant
-from designrl.envs.ant_body import leg_capsules, mjcf
+from designrl.envs.ant import REWARD_TERMS, Ant
 from designrl.simulation.reference import run_episode
 
 ID = "designrl/Ant-v0"
 LONG_LEGS = np.tile([1.3, 1.5, 1.7, 1.6, 1.75, 1.7, 0.3, 0.4, 0.25], 4)
-MIXED = np.random.default_rng(7).uniform(0.25, 1.75, ANT.size)
+MIXED = np.random.default_rng(7).uniform(0.25, 1.75, ANT.design.size)
 
 
 def trajectory(env, seed, steps=150, reset_options=None):
@@ -31,7 +30,9 @@ def trajectory(env, seed, steps=150, reset_options=None):
     observation, _ = env.reset(seed=seed, options=reset_options)
     rows = [np.append(observation, 0.0)]
     for _ in range(steps):
-        observation, reward, terminated, truncated, _ = env.step(rng.uniform(-1, 1, len(JOINTS)))
+        observation, reward, terminated, truncated, _ = env.step(
+            rng.uniform(-1, 1, len(ANT.joints))
+        )
         rows.append(np.append(observation.astype(np.float64), reward))
         if terminated or truncated:
             break
@@ -132,15 +133,15 @@ def test_a_copy_by_pickle_is_the_same_environment():
     np.testing.assert_array_equal(trajectory(env, 2), trajectory(Ant(design=MIXED), 2))
 
 
-@pytest.mark.parametrize("design", [np.ones(ANT.size), LONG_LEGS, MIXED])
+@pytest.mark.parametrize("design", [np.ones(ANT.design.size), LONG_LEGS, MIXED])
 def test_the_body_has_the_dimensions_of_the_design(design):
     env = Ant(design=design)
     env.reset(seed=0)
     client = {"physicsClientId": env._client}
     parts = leg_capsules(design)
-    assert [part.name for part in parts] == list(PARTS[1:])
-    lengths = np.hypot(*ANT.dimensions(design).reshape(4, 9)[:, :6].reshape(-1, 2).T)
-    radii = ANT.dimensions(design).reshape(4, 9)[:, 6:].ravel()
+    assert [part.name for part in parts] == list(ANT.tree)[1:]
+    lengths = np.hypot(*ANT.design.dimensions(design).reshape(4, 9)[:, :6].reshape(-1, 2).T)
+    radii = ANT.design.dimensions(design).reshape(4, 9)[:, 6:].ravel()
     torso = pybullet.getDynamicsInfo(env._ant, -1, **client)
     assert torso[0] == pytest.approx(1000 * 4 / 3 * np.pi * 0.25**3)
     for part, link, length, radius in zip(parts, env._parts, lengths, radii, strict=True):
@@ -179,14 +180,14 @@ def test_poses_put_the_parts_of_a_leg_end_to_end():
     for _ in range(40):
         env.step(rng.uniform(-1, 1, 8))
     poses = {name: (np.array(xyz), quaternion) for name, xyz, quaternion in env.body_poses()}
-    assert tuple(poses) == PARTS
+    assert list(poses) == list(ANT.tree)
     for part in leg_capsules(MIXED):
         position, orientation = poses[part.parent]
         np.testing.assert_allclose(
             poses[part.name][0], position + rotate(orientation, part.origin), atol=1e-6
         )
         if part.joint:  # it has turned by the joint's angle about the joint's axis
-            angle = env.joint_angles[JOINTS.index(part.joint)]
+            angle = env.joint_angles[ANT.joints.index(part.joint)]
             axis = np.array(part.axis) / np.linalg.norm(part.axis)
             end = np.array(part.end)
             turned = rotate([*(np.sin(angle / 2) * axis), np.cos(angle / 2)], end)
@@ -241,8 +242,8 @@ def test_reward_terms_add_up_to_the_reward_and_are_what_the_observation_shows():
         if terminated:
             break
     seen = np.array(seen)
-    assert len(OBSERVATIONS) == seen.shape[1] == 28
-    assert set(np.unique(seen[:, -len(FEET) :])) == {0.0, 1.0}
+    assert len(ANT.observations) == seen.shape[1] == 28
+    assert set(np.unique(seen[:, -len(ANT.contact_names) :])) == {0.0, 1.0}
     np.testing.assert_allclose(np.hypot(seen[:, 1], seen[:, 2]), 1, rtol=1e-6)
 
 
@@ -303,7 +304,7 @@ def test_rgb_array_shows_the_whole_body_on_a_pattern_that_passes_by():
 
 
 def test_wrong_arguments_are_refused():
-    wrong = np.ones(ANT.size)
+    wrong = np.ones(ANT.design.size)
     wrong[8] = 1.8
     with pytest.raises(ValueError, match=r"front left bottom radius.*\[0.25, 1.75\]"):
         gymnasium.make(ID, design=wrong)
@@ -349,7 +350,7 @@ def test_the_first_steps_are_those_of_roboschool():
             rewards.append(reward)
         error = np.abs(np.array(observations) - episode["observations"]).max()
         worst.append(max(error, np.abs(np.array(rewards) - episode["rewards"]).max()))
-        assert np.array(observations)[:, -len(FEET) :].any()
+        assert np.array(observations)[:, -len(ANT.contact_names) :].any()
     assert len(worst) == 12
     assert np.median(worst) < 1e-5
     assert max(worst) < 1e-3  # a speed right after a contact; rounding has grown by then

@@ -20,6 +20,7 @@ from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
 
+from designrl.bodies import relative, rotate
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.policy import Agent
@@ -35,7 +36,6 @@ from designrl.recording import (
     thin,
 )
 from designrl.recording.mcap_file import McapFile
-from designrl.recording.urdf import body_urdf
 from designrl.simulation.reference import run_episode
 
 EXPERIMENT = EXPERIMENTS["biped-morphology"]
@@ -564,16 +564,14 @@ def test_a_rollout_is_the_episode_that_an_evaluation_runs(name, tmp_path):
 
 
 def test_poses_put_the_body_where_it_is(tmp_path):
-    from designrl.recording.bodies import make_body, relative, rotate
-
     agent = random_agent("biped-morphology")
     env = gymnasium.make(agent.experiment.env_id, design=agent.body)
     env.reset(seed=0)
     for _ in range(30):
         env.step(env.action_space.sample())
     inner = env.unwrapped
-    body = make_body(env)
-    poses = dict(zip(body.parents, zip(*body.poses(), strict=True), strict=True))
+    body = inner.body
+    poses = dict(zip(body.tree, zip(*body.poses(inner), strict=True), strict=True))
     heights = EXPERIMENT.design.dimensions(agent.body)[1::2] / 30
     for part, leg, height in zip(list(poses)[1:], inner.legs, heights, strict=True):
         place, turn = poses[part]
@@ -597,9 +595,10 @@ def test_terrain_holds_the_course_with_its_obstacles(rollout):
 
 @pytest.mark.parametrize("name", ["biped", "ant"])
 def test_the_body_is_an_urdf_with_the_papers_names(name):
-    space = EXPERIMENTS[name].body
+    body = EXPERIMENTS[name].body
+    space = body.design
     scales = np.linspace(0.3, 1.7, space.size)
-    robot = ElementTree.fromstring(body_urdf(space, scales, "caption -- with dashes"))
+    robot = ElementTree.fromstring(body.urdf(scales, "caption -- with dashes"))
     links = {link.get("name") for link in robot.iter("link")}
     parts = {name.rsplit(" ", 1)[0] for name in space.names}
     assert parts <= links

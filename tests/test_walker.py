@@ -7,8 +7,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import PPO
 
 import designrl  # noqa: F401
-from designrl.design import WALKER, leg_area_reward_factor
-from designrl.envs.walker import PARTS
+from designrl.bodies.walker import WALKER, leg_area_reward_factor
 from designrl.errors import InputError
 
 IDS = ("designrl/BipedalWalker-v0", "designrl/BipedalWalkerHardcore-v0")
@@ -92,8 +91,8 @@ def test_many_walkers_live_in_one_process():
 def test_the_body_has_the_dimensions_of_the_design():
     env = gymnasium.make(IDS[0])
     env.reset(seed=0, options={"design": LONG_LEGS})
-    sizes = WALKER.dimensions(LONG_LEGS).reshape(4, 2) / 30
-    assert len(PARTS) == 1 + len(env.unwrapped.legs)
+    sizes = WALKER.design.dimensions(LONG_LEGS).reshape(4, 2) / 30
+    assert len(WALKER.tree) == 1 + len(env.unwrapped.legs)
     for leg, (width, height) in zip(env.unwrapped.legs, sizes, strict=True):
         vertices = np.array(leg.fixtures[0].shape.vertices)
         np.testing.assert_allclose(np.ptp(vertices, axis=0), [width, height], rtol=1e-6)

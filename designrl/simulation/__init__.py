@@ -17,7 +17,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from designrl.design import leg_area_reward_factor
+from designrl.bodies.walker import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network, get_experiment
 from designrl.simulation.reference import EpisodeRules, run_episodes
@@ -266,7 +266,7 @@ def _run_engine(engine, experiment_name, rules, candidates, seeds, progress=None
     """(n, r) returns and steps of some candidates in the compiled engine."""
     experiment = get_experiment(experiment_name)
     split, design = experiment.network.num_parameters, experiment.design
-    size = experiment.body.size
+    size = experiment.body.design.size
     scales = design.scales(candidates[:, split:]) if design else np.ones((len(seeds), size))
     factors = leg_area_reward_factor(scales) if rules.leg_area_reward else np.ones(len(seeds))
     return engine.rollout(
