@@ -123,25 +123,21 @@ class WalkerBody(Body):
         """(n, 3) points of the course within GROUND_REACH of a place, (n, 3) their colors."""
         profile, obstacles = self.terrain(env)
         # A steep piece of the profile is inside of a pit's wall, which is drawn as such.
-        lines = [
-            (a, b, GROUND_COLOR)
-            for a, b in zip(profile[:-1], profile[1:], strict=True)
-            if abs(a[1] - b[1]) < 1.0
-        ]
-        for x0, x1, z0, z1 in obstacles:
-            corners = [(x0, z0), (x1, z0), (x1, z1), (x0, z1)]
-            lines += [(corners[i - 1], corners[i], OBSTACLE_COLOR) for i in range(4)]
-        rows = np.linspace(-GROUND_HALF_WIDTH, GROUND_HALF_WIDTH, GROUND_ROWS)
-        points, colors = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.uint8)]
-        for a, b, color in lines:
-            count = math.ceil(math.dist(a, b) / GROUND_SPACING)
-            x, z = np.linspace(a, b, count, endpoint=False).T
-            near = np.abs(x - position[0]) < GROUND_REACH
-            if near.any():
-                y, x = (grid.ravel() for grid in np.meshgrid(rows, x[near], indexing="ij"))
-                points.append(np.stack([x, y, np.tile(z[near], GROUND_ROWS)], axis=1))
-                colors.append(np.tile(np.uint8(color), (len(x), 1)))
-        return np.concatenate(points), np.concatenate(colors)
+        flat = np.abs(np.diff(profile[:, 1])) < 1.0
+        corners = obstacles[:, [0, 2, 1, 2, 1, 3, 0, 3]].reshape(-1, 4, 2)  # of each, in turn
+        start = np.concatenate([profile[:-1][flat], corners.reshape(-1, 2)])
+        end = np.concatenate([profile[1:][flat], np.roll(corners, -1, axis=1).reshape(-1, 2)])
+        colors = np.full((len(start), 3), OBSTACLE_COLOR, dtype=np.uint8)
+        colors[: flat.sum()] = GROUND_COLOR
+
+        count = np.ceil(np.hypot(*(end - start).T) / GROUND_SPACING).astype(int)
+        line = np.repeat(np.arange(len(start)), count)
+        step = np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count)
+        points = start[line] + ((end - start) / count[:, None])[line] * step[:, None]
+        near = np.abs(points[:, 0] - position[0]) < GROUND_REACH
+        x, z = np.tile(points[near], (GROUND_ROWS, 1)).T
+        y = np.linspace(-GROUND_HALF_WIDTH, GROUND_HALF_WIDTH, GROUND_ROWS).repeat(near.sum())
+        return np.stack([x, y, z], axis=1), np.tile(colors[line[near]], (GROUND_ROWS, 1))
 
 
 def _hull() -> list[str]:
