@@ -46,13 +46,6 @@ def test_ant_has_3_parts_of_3_numbers_on_4_legs():
     assert ANT.design.names[9] == "front right top dx"
 
 
-@pytest.mark.parametrize("body", [WALKER, ANT])
-def test_each_dimension_belongs_to_the_limb_that_it_names(body):
-    assert sum(body.limbs.values(), []) == list(range(body.design.size))
-    for limb, indices in body.limbs.items():
-        assert all(limb in body.design.names[i] for i in indices)
-
-
 @pytest.mark.parametrize("name", ["biped-morphology", "biped-hardcore-morphology-smaller-leg"])
 def test_leg_area_of_the_papers_designs_is_the_papers(name):
     row = paper()["table2"][name]
