@@ -137,9 +137,11 @@ class Agent:
         return self.experiment.design.scales(self.parameters[self.network.num_parameters :])
 
     @property
-    def body(self) -> np.ndarray:
+    def scales(self) -> np.ndarray:
         """(D,) scales of the body it walks with: its design, or ones for the original body."""
         return np.ones(self.experiment.body.design.size) if self.design is None else self.design
+
+    body = scales  # its former name, for those that still use it
 
     def reset(self, seed: int) -> None:
         """Start an episode: the output noise, if any, is a function of the seed alone."""
@@ -156,7 +158,7 @@ class Agent:
         Returns: (O,) the first observation.
         """
         self.reset(seed)
-        observation, _ = env.reset(seed=seed, options={"design": self.body})
+        observation, _ = env.reset(seed=seed, options={"design": self.scales})
         return observation
 
     def steps(self, env, observation: np.ndarray) -> Iterator[Step]:

@@ -87,7 +87,7 @@ def test_a_further_body_is_recorded_and_drawn(hopper, tmp_path):
     assert recording.topics["/tf"] == 101 and recording.names("/observation")[0] == "height"
     assert not {"/joints", "/contacts", "/lidar", "/terrain"} & set(recording.topics)
     parent, places, _ = recording.transforms()["leg"]
-    radius, _ = HOPPER.design.dimensions(agent.body)
+    radius, _ = HOPPER.design.dimensions(agent.scales)
     assert parent == "ball" and np.allclose(places, [0, 0, -radius])
     viewer.replay([tmp_path], save=tmp_path / "all.rrd")
     assert (tmp_path / "all.rrd").stat().st_size > 10_000

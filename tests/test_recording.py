@@ -34,7 +34,7 @@ from designrl.recording import (
     thin,
 )
 from designrl.recording.mcap_file import McapFile
-from designrl.simulation.reference import run_episode
+from designrl.simulation import Simulator
 
 EXPERIMENT = EXPERIMENTS["biped-morphology"]
 
@@ -515,9 +515,9 @@ def test_only_runs_are_thinned(rollout, tmp_path):
 def test_a_rollout_is_the_episode_that_an_evaluation_runs(name, tmp_path):
     agent, path = random_agent(name), tmp_path / "rollout.mcap"
     score = record_rollout(agent, path, seed=5, metadata={"note": "é"})
-    env = gymnasium.make(agent.experiment.env_id)
-    expected, steps = run_episode(env, agent, 5)
-    assert score == expected
+    with Simulator(name, backend="reference") as simulator:
+        expected = simulator.rollout(agent.parameters[None], np.array([[5]]))
+    assert score == expected.returns[0, 0]
 
     recording = read(path)
     assert recording.kind == "rollout" and recording.complete
@@ -530,24 +530,18 @@ def test_a_rollout_is_the_episode_that_an_evaluation_runs(name, tmp_path):
     )
 
     # The same episode again, compared with what was recorded of it.
-    agent.reset(5)
-    observation, _ = env.reset(seed=5, options={"design": agent.body})
-    observations, actions = [], []
-    for t in range(steps):
-        observations.append(observation)
-        actions.append(agent.act(observation, t))
-        observation, *_ = env.step(actions[-1])
-    assert np.array_equal(recording.array("/observation", "values"), observations)
-    assert np.array_equal(recording.array("/action", "values"), actions)
-    assert len(recording.names("/observation")) == len(observation)
-    for topic in ("/action", "/joints"):
-        assert recording.names(topic) == recording.names("/action")
-    angles = recording.array("/joints", "angles")
-    inner = env.unwrapped
-    last = inner.joint_angles if name.startswith("ant") else [j.angle for j in inner.joints]
-    assert angles[-1].tolist() == list(last)
-    assert recording.array("/contacts", "touching").dtype == bool
-    assert recording.topics["/tf"] == steps + 1
+    env = gymnasium.make(agent.experiment.env_id)
+    steps = list(agent.steps(env, agent.start(env, 5)))
+    assert len(steps) == expected.steps[0, 0]
+    for topic, field in (("/observation", "observation"), ("/action", "action")):
+        seen = [getattr(step, field) for step in steps]
+        assert np.array_equal(recording.array(topic, "values"), seen)
+    inner, body = env.unwrapped, agent.experiment.body
+    assert recording.names("/observation") == list(body.observations)
+    assert recording.names("/action") == recording.names("/joints") == list(body.joints)
+    assert recording.array("/joints", "angles")[-1].tolist() == body.joint_states(inner)[0]
+    assert recording.array("/contacts", "touching")[-1].tolist() == body.contacts(inner)
+    assert recording.topics["/tf"] == len(steps) + 1
     env.close()
 
 

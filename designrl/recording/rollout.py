@@ -188,7 +188,7 @@ def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = N
         "experiment": agent.experiment.name,
         "seed": seed,
         "unit": design.unit,
-        "body": dict(zip(design.names, design.dimensions(agent.body).tolist(), strict=True)),
+        "body": dict(zip(design.names, design.dimensions(agent.scales).tolist(), strict=True)),
         "agent": agent.metadata,
         **(metadata or {}),
     }
