@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 import designrl  # noqa: F401 (registers the environments)
-from designrl.design import SCALE_MAX, SCALE_MIN, WALKER
+from designrl.bodies.walker import WALKER
+from designrl.design import SCALE_MAX, SCALE_MIN
 from designrl.evaluation import episode_seeds
 from designrl.experiments import EXPERIMENTS, Experiment
 from designrl.files import write_atomically
@@ -181,7 +182,7 @@ def draw_walk(axes: Axes, w: Walk, start: float, span: float, spacing: float) ->
 def resting_body(experiment: str) -> np.ndarray:
     """(8,) scales of a walker's body as the paper's Table 2 prints it."""
     printed = np.array(scores.paper()["table2"][experiment]["dimensions"])
-    return np.clip(printed / WALKER.originals, SCALE_MIN, SCALE_MAX)
+    return np.clip(printed / WALKER.design.originals, SCALE_MIN, SCALE_MAX)
 
 
 # What a strip shows: a name for the row, the experiment, and which of its runs (0 = the best).

@@ -16,9 +16,7 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-from designrl.design import ANT, ANT_LEGS, ANT_PARTS
-from designrl.envs.ant import TIME_STEP
-from designrl.envs.ant_body import TORSO_RADIUS, leg_capsules
+from designrl.bodies.ant import ANT, ANT_LEGS, ANT_PARTS, TORSO_RADIUS, leg_capsules
 from designrl.experiments import EXPERIMENTS
 from reproduce import build, drawing, scores
 from reproduce.scores import Score
@@ -105,7 +103,7 @@ def main() -> list[Path]:
     for strip, plan, (label, experiment) in zip(strips, diagrams, ROWS, strict=True):
         s = scores.representative(experiment)
         learned = EXPERIMENTS[experiment].design is not None
-        body = s.agent.body if s else printed_design() if learned else np.ones(ANT.size)
+        body = s.agent.body if s else printed_design() if learned else np.ones(ANT.design.size)
         title = f"{label}: no checkpoint of ours yet; the paper's design, at the start"
         if s:
             title = (
@@ -119,7 +117,7 @@ def main() -> list[Path]:
         for i, picture in enumerate(taken):
             strip.imshow(picture, extent=(i * width, (i + 0.98) * width, 0, height))
             if s:
-                text = f"{STEPS[i] * TIME_STEP:.2f} s"
+                text = f"{STEPS[i] * ANT.time_step:.2f} s"
                 strip.text((i + 0.04) * width, 0.95 * height, text, va="top", fontsize=7)
         strip.set_xlim(0, len(STEPS) * width)
         strip.set_ylim(0, height)

@@ -301,7 +301,7 @@ def write_card(checkpoint: Path, log: Path) -> tuple[Path, Path]:
         + (", with the reward for smaller legs)." if experiment.leg_area_reward else ")."),
     ]
     if agent.design is not None:
-        body = experiment.body
+        body = experiment.body.design
         lines += ["", f"| part | % of the original | {body.unit} |", "|---|---|---|"]
         lines += [
             f"| {name} | {100 * scale:.0f} | {size:.3f} |"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from designrl.design import ANT, ANT_LEGS, ANT_PARTS
+from designrl.bodies.ant import ANT, ANT_LEGS, ANT_PARTS
 from designrl.errors import InputError
 from reproduce import build, scores
 from reproduce.tables import MISSING, origin_notes, write_table
@@ -25,11 +25,11 @@ def percentages(scales: np.ndarray) -> np.ndarray:
     """
 
     def sizes(scales):
-        legs = ANT.dimensions(scales).reshape(len(ANT_LEGS), 9)
+        legs = ANT.design.dimensions(scales).reshape(len(ANT_LEGS), 9)
         lengths = np.hypot(legs[:, 0:6:2], legs[:, 1:6:2])
         return np.stack([lengths, legs[:, 6:]], axis=-1).swapaxes(0, 1)
 
-    return 100 * sizes(scales) / sizes(np.ones(ANT.size))
+    return 100 * sizes(scales) / sizes(np.ones(ANT.design.size))
 
 
 def reads() -> list[Path]:

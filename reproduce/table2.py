@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from designrl.design import WALKER, leg_area
+from designrl.bodies.walker import WALKER, leg_area
 from designrl.experiments import EXPERIMENTS
 from reproduce import build, scores
 from reproduce.scores import Score
@@ -28,7 +28,7 @@ def reads() -> list[Path]:
 
 def record(label: list[str], mean, std, area, dimensions, sha256="") -> dict:
     """A row of the CSV; area in % of the original, dimensions in 1/30 m."""
-    sizes = dict(zip(WALKER.names, dimensions, strict=True))
+    sizes = dict(zip(WALKER.design.names, dimensions, strict=True))
     head = dict(zip(("environment", "body", "source"), label, strict=True))
     return {**head, "mean": mean, "std": std, "leg_area": area, **sizes, "sha256": sha256}
 
@@ -39,8 +39,8 @@ def measured(label: list[str], s: Score) -> tuple[list[str], dict]:
         cells = [f"not used: {s.problem}", *[""] * 9]
         return [*label, *cells], record(label, "", "", "", [""] * 8)
     body = s.agent.body
-    area = 100 * float(leg_area(body) / leg_area(np.ones(WALKER.size)))
-    sizes = WALKER.dimensions(body)
+    area = 100 * float(leg_area(body) / leg_area(np.ones(WALKER.design.size)))
+    sizes = WALKER.design.dimensions(body)
     cells = [mean_and_std(s.mean, s.std), f"{area:.0f}%", *(f"{size:.1f}" for size in sizes)]
     return [*label, *cells], record(label, s.mean, s.std, area, sizes, s.sha256)
 

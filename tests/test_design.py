@@ -3,23 +3,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from designrl.design import ANT, WALKER, leg_area, leg_area_reward_factor
+from designrl.bodies.ant import ANT
+from designrl.bodies.walker import WALKER, leg_area, leg_area_reward_factor
 from designrl.errors import InputError
 from reproduce.scores import paper
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=8, max_size=8))
 def test_any_parameters_give_a_valid_design(parameters):
-    WALKER.validate(WALKER.scales(parameters))
+    WALKER.design.validate(WALKER.design.scales(parameters))
 
 
 def test_zero_parameters_are_the_original_body():
-    np.testing.assert_array_equal(WALKER.dimensions(WALKER.scales(np.zeros(8))), WALKER.originals)
+    np.testing.assert_array_equal(
+        WALKER.design.dimensions(WALKER.design.scales(np.zeros(8))), WALKER.design.originals
+    )
 
 
 def test_original_walker_is_table_2s_first_row():
-    assert WALKER.originals.tolist() == paper()["table2"]["biped"]["dimensions"]
-    assert WALKER.names[:4] == (
+    assert WALKER.design.originals.tolist() == paper()["table2"]["biped"]["dimensions"]
+    assert WALKER.design.names[:4] == (
         "top leg 1 width",
         "top leg 1 height",
         "bottom leg 1 width",
@@ -28,15 +31,25 @@ def test_original_walker_is_table_2s_first_row():
 
 
 def test_ant_has_3_parts_of_3_numbers_on_4_legs():
-    assert ANT.size == 36
-    assert ANT.originals[9:18].tolist() == [-0.2, 0.2, -0.2, 0.2, -0.4, 0.4, 0.08, 0.08, 0.08]
-    assert ANT.names[9] == "front right top dx"
+    assert ANT.design.size == 36
+    assert ANT.design.originals[9:18].tolist() == [
+        -0.2,
+        0.2,
+        -0.2,
+        0.2,
+        -0.4,
+        0.4,
+        0.08,
+        0.08,
+        0.08,
+    ]
+    assert ANT.design.names[9] == "front right top dx"
 
 
 @pytest.mark.parametrize("name", ["biped-morphology", "biped-hardcore-morphology-smaller-leg"])
 def test_leg_area_of_the_papers_designs_is_the_papers(name):
     row = paper()["table2"][name]
-    scales = np.array(row["dimensions"]) / WALKER.originals
+    scales = np.array(row["dimensions"]) / WALKER.design.originals
     percent = 100 * leg_area(scales) / leg_area(np.ones(8))
     assert percent == pytest.approx(row["leg_area"], abs=1.0)
 
@@ -60,4 +73,4 @@ def test_reward_factor_is_one_for_the_original_and_grows_as_legs_shrink():
 )
 def test_a_wrong_design_is_refused_by_name(scales, words):
     with pytest.raises(InputError, match=words):
-        WALKER.validate(scales)
+        WALKER.design.validate(scales)

@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 
-from designrl.design import WALKER, leg_area_reward_factor
+from designrl.bodies.walker import WALKER, leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
@@ -40,7 +40,7 @@ def random_batch(candidates, rollouts, seed=0, std=0.3):
     rng = np.random.default_rng(seed)
     return {
         "parameters": std * rng.standard_normal((candidates, NETWORK_SIZE)),
-        "scales": rng.uniform(0.25, 1.75, (candidates, WALKER.size)),
+        "scales": rng.uniform(0.25, 1.75, (candidates, WALKER.design.size)),
         "reward_factors": np.ones(candidates),
         "seeds": rng.integers(2**31, size=(candidates, rollouts)),
     }
@@ -81,7 +81,7 @@ def test_trained_policies_walk_the_same_course(policy):
 @pytest.mark.parametrize("hardcore", [False, True])
 def test_extreme_bodies_equal_box2d(hardcore, bound):
     rng = np.random.default_rng(5)
-    parameters = np.r_[rng.standard_normal(NETWORK_SIZE), np.full(WALKER.size, bound)]
+    parameters = np.r_[rng.standard_normal(NETWORK_SIZE), np.full(WALKER.design.size, bound)]
     for seed in (1, 2):
         assert compare(Case("random", hardcore, "v2", False, False, parameters, seed))[1] is None
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from designrl.bodies.walker import WALKER
 from designrl.checkpoint import load, save
-from designrl.design import WALKER
 from designrl.evaluation import Evaluation
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
@@ -303,7 +303,7 @@ def test_figure_without_a_checkpoint_shows_the_papers_design(project):
     assert len(figure4.main()) == 3
     svg = (project / "paper/figures/figure4.svg").read_text()
     assert "no checkpoint of ours yet" in svg
-    body = drawing.resting_body("biped-morphology") * WALKER.originals
+    body = drawing.resting_body("biped-morphology") * WALKER.design.originals
     assert np.allclose(body, scores.paper()["table2"]["biped-morphology"]["dimensions"], atol=0.1)
 
 

@@ -14,11 +14,13 @@ from PIL import Image
 from test_recording import random_agent, write_run
 
 from designrl import viewer
+from designrl.bodies import rotate
 from designrl.errors import InputError
 from designrl.recording import read, record_rollout
 from designrl.recording.mcap_file import McapFile
 from designrl.viewer import data
 from designrl.viewer import picture as picture_module
+from designrl.viewer.drawing import _quaternion
 from designrl.viewer.picture import EXECUTABLE, NO_DRIVER, NO_DRIVER_MESSAGE
 
 
@@ -122,18 +124,7 @@ def test_many_rollouts_are_thinned_evenly(tmp_path, capsys):
     assert "of 20 rollouts" in capsys.readouterr().err
 
 
-def test_limbs_are_the_papers():
-    from designrl.design import ANT, WALKER
-    from designrl.viewer.layout import limbs
-
-    assert limbs(WALKER.names) == {"leg 1": [0, 1, 2, 3], "leg 2": [4, 5, 6, 7]}
-    assert list(limbs(ANT.names)) == ["front left", "front right", "back left", "back right"]
-
-
 def test_urdf_angles_become_the_right_rotation():
-    from designrl.recording.bodies import rotate
-    from designrl.viewer.drawing import _quaternion
-
     q = np.array(_quaternion(0, np.pi / 2, np.pi / 4))
     assert np.allclose(rotate(q, np.array([0, 0, 1.0])), [np.sqrt(0.5), np.sqrt(0.5), 0])
 

@@ -13,12 +13,18 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
-from designrl.design import ANT, ANT_LEGS
+from designrl.bodies.ant import (
+    ANT,
+    ANT_LEGS,
+    ANT_PARTS,
+    COLORS,
+    MOTOR_TORQUE,
+    TORSO_HEIGHT,
+    leg_capsules,
+    mjcf,
+)
 from designrl.envs.action import checked_action
-from designrl.envs.ant_body import COLORS, JOINTS, PARTS, TORSO_HEIGHT, leg_capsules, mjcf
 from designrl.errors import InputError
-
-__all__ = ["FEET", "JOINTS", "OBSERVATIONS", "PARTS", "REWARD_TERMS", "Ant", "leg_capsules"]
 
 
 def _flush_c() -> None:
@@ -53,24 +59,10 @@ def _silence():
 with _silence():
     import pybullet
 
-FEET = tuple(f"{leg} bottom" for leg in ANT_LEGS)
 REWARD_TERMS = ("alive", "progress", "electricity", "stall", "joint_limits", "foot_collision")
-OBSERVATIONS = (
-    "height above the start",
-    "sine of the angle to the target",
-    "cosine of the angle to the target",
-    "forward speed",
-    "sideways speed",
-    "vertical speed",
-    "roll",
-    "pitch",
-    *(f"{joint} {quantity}" for joint in JOINTS for quantity in ("position", "speed")),
-    *(f"{foot} ground contact" for foot in FEET),
-)
 
 # The world of RoboschoolAnt-v1 (gym_forward_walker.py, scene_stadium.py, physics-bullet.cpp).
 GRAVITY = 9.8  # m/s²
-TIME_STEP = 0.0165  # s per step of the environment
 SUBSTEPS = 4  # of Bullet, per step
 SOLVER_ITERATIONS = 5
 CONTACT_ERP = 0.9  # share of a penetration that is taken back per substep
@@ -79,7 +71,6 @@ FLOOR_FRICTION = 0.8
 # nothing bounces, and a friction pyramid; PyBullet's defaults today are 0, 0.2 m/s and the cone.
 RESTITUTION = 0.5
 RESTITUTION_SPEED = 0.0  # m/s
-MOTOR_TORQUE = 2.5 * 100.0  # N m at action ±1: power of the ant · power of a joint
 START_ANGLE = 0.1  # rad; joints start at U(-0.1, 0.1)
 TARGET_X = 1000.0  # m; the target is at (1000, 0)
 
@@ -124,12 +115,12 @@ class Ant(gymnasium.Env, EzPickle):
     damping. A capsule's inertia is that of a box around it, 0.04 m larger to every side.
 
     ## Action space
-    `Box(-1, 1, (8,), float32)`: torque of each joint in units of 250 N m, in the order of `JOINTS`:
-    hip and ankle of the front left, front right, back left and back right leg. The torque is
-    clipped at ±1; the costs of electricity and stall are not.
+    `Box(-1, 1, (8,), float32)`: torque of each joint in units of 250 N m, in the order of
+    `ANT.joints`: hip and ankle of the front left, front right, back left and back right leg. The
+    torque is clipped at ±1; the costs of electricity and stall are not.
 
     ## Observation space
-    `Box((28,), float32)`, everything clipped to [-5, 5]; names in `OBSERVATIONS`.
+    `Box((28,), float32)`, everything clipped to [-5, 5]; names in `ANT.observations`.
 
     | index      | observation                                      | range   | unit               |
     |------------|--------------------------------------------------|---------|--------------------|
@@ -177,8 +168,9 @@ class Ant(gymnasium.Env, EzPickle):
     Truncated by the registered time limit: 1000 steps.
 
     ## Arguments
-    - `design`: (36,) scales in [0.25, 1.75], in the order of `designrl.design.ANT.names`; None is
-      the original body. `reset(options={"design": scales})` changes it from then on.
+    - `design`: (36,) scales in [0.25, 1.75], in the order of
+      `designrl.bodies.ant.ANT.design.names`; None is the original body.
+      `reset(options={"design": scales})` changes it from then on.
     - `render_mode`: "rgb_array" (PyBullet's software renderer, 640 x 480) or None.
 
     ## Besides Gymnasium
@@ -193,6 +185,7 @@ class Ant(gymnasium.Env, EzPickle):
     - v0: the 2018 task on PyBullet 3.2.7.
     """
 
+    body = ANT
     metadata = {"render_modes": ["rgb_array"], "render_fps": 60}
 
     def __init__(self, design=None, render_mode: str | None = None):
@@ -201,12 +194,12 @@ class Ant(gymnasium.Env, EzPickle):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode
-        self.design = ANT.validate(np.ones(ANT.size) if design is None else design)
-        self.action_space = spaces.Box(-1.0, 1.0, (len(JOINTS),), np.float32)
-        high = np.full(len(OBSERVATIONS), OBSERVATION_LIMIT, dtype=np.float32)
+        self.design = ANT.design.validate(np.ones(ANT.design.size) if design is None else design)
+        self.action_space = spaces.Box(-1.0, 1.0, (len(ANT.joints),), np.float32)
+        high = np.full(len(ANT.observations), OBSERVATION_LIMIT, dtype=np.float32)
         high[1:3], high[6:8] = 1.0, np.pi
         low = -high
-        high[-len(FEET) :], low[-len(FEET) :] = 1.0, 0.0
+        high[-len(ANT.contact_names) :], low[-len(ANT.contact_names) :] = 1.0, 0.0
         self.observation_space = spaces.Box(low, high)
         self._loaded: np.ndarray | None = None  # the design that the Bullet world holds
 
@@ -220,7 +213,7 @@ class Ant(gymnasium.Env, EzPickle):
         if options:
             raise InputError(f"unknown reset option {next(iter(options))!r}; there is 'design'")
         if design is not None:
-            self.design = ANT.validate(design)
+            self.design = ANT.design.validate(design)
         if self._client < 0:
             self._connect()
         if self._loaded is None or not np.array_equal(self._loaded, self.design):
@@ -228,16 +221,16 @@ class Ant(gymnasium.Env, EzPickle):
         else:
             # Empties the contacts' caches too, so that nothing is left of the episode before.
             pybullet.restoreState(self._start, physicsClientId=self._client)
-        angles = self.np_random.uniform(-START_ANGLE, START_ANGLE, len(JOINTS))
+        angles = self.np_random.uniform(-START_ANGLE, START_ANGLE, len(ANT.joints))
         pybullet.resetJointStatesMultiDof(
             self._ant,
             self._joints,
             targetValues=[[angle] for angle in angles.tolist()],
-            targetVelocities=[[0.0]] * len(JOINTS),
+            targetVelocities=[[0.0]] * len(ANT.joints),
             physicsClientId=self._client,
         )
-        self.torques = (0.0,) * len(JOINTS)
-        self.foot_contacts = (0.0,) * len(FEET)
+        self.torques = (0.0,) * len(ANT.joints)
+        self.foot_contacts = (0.0,) * len(ANT.contact_names)
         return self._observe(), {}
 
     def step(self, action):
@@ -246,7 +239,7 @@ class Ant(gymnasium.Env, EzPickle):
         Raises:
             InputError: an action that is not 8 finite numbers.
         """
-        actions = checked_action(action, len(JOINTS)).tolist()
+        actions = checked_action(action, len(ANT.joints)).tolist()
         self.torques = tuple([MOTOR_TORQUE * min(max(a, -1.0), 1.0) for a in actions])
         pybullet.setJointMotorControlArray(
             self._ant,
@@ -265,9 +258,9 @@ class Ant(gymnasium.Env, EzPickle):
         alive = self._height > FALLEN_HEIGHT
         terms = {
             "alive": 1.0 if alive else -1.0,
-            "progress": (distance - self._distance) / TIME_STEP,
-            "electricity": ELECTRICITY_COST * JOINT_SPEED_SCALE * power / len(JOINTS),
-            "stall": STALL_COST * effort / len(JOINTS),
+            "progress": (distance - self._distance) / ANT.time_step,
+            "electricity": ELECTRICITY_COST * JOINT_SPEED_SCALE * power / len(ANT.joints),
+            "stall": STALL_COST * effort / len(ANT.joints),
             "joint_limits": JOINT_LIMIT_COST * self._joints_at_limit,
             "foot_collision": FOOT_COLLISION_COST * foot_collisions,
         }
@@ -357,7 +350,7 @@ class Ant(gymnasium.Env, EzPickle):
         pybullet.resetSimulation(**c)
         pybullet.setGravity(0.0, 0.0, -GRAVITY, **c)
         pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=TIME_STEP,
+            fixedTimeStep=ANT.time_step,
             numSubSteps=SUBSTEPS,
             numSolverIterations=SOLVER_ITERATIONS,
             contactERP=CONTACT_ERP,
@@ -381,24 +374,24 @@ class Ant(gymnasium.Env, EzPickle):
             if info[2] == pybullet.JOINT_REVOLUTE:
                 self._joints.append(link)
                 self._ranges.append(((info[8] + info[9]) / 2, 2 / (info[9] - info[8])))
-        self._parts = [names.index(part) for part in PARTS[1:]]
-        self._mean_links = [
-            link
-            for part, link in zip(PARTS[1:], self._parts, strict=True)
-            if part == PARTS[1] or not part.endswith("top")
+        parts = leg_capsules(self.design)
+        self._parts = [names.index(part.name) for part in parts]
+        self._mean_links = self._parts[:1] + [
+            link for part, link in zip(parts, self._parts, strict=True) if part.kind != ANT_PARTS[0]
         ]
-        self._feet = tuple([names.index(foot) for foot in FEET])
-        tops = np.array([part.end for part in leg_capsules(self.design)[::3]])[:, :2] / 2
+        self._feet = tuple([names.index(foot) for foot in ANT.contact_names])
+        tops = np.array([part.end for part in parts[:: len(ANT_PARTS)]])[:, :2] / 2
         # m, from the first top part to all of them, summed, as the torso sees it
         self._tops = tuple((tops - tops[0]).sum(axis=0).tolist())
         for link in range(-1, len(names)):
             pybullet.changeDynamics(self._ant, link, restitution=RESTITUTION, **c)
         pybullet.setJointMotorControlArray(  # Bullet's joints come with a motor that holds them
-            self._ant, self._joints, pybullet.POSITION_CONTROL, forces=[0.0] * len(JOINTS), **c
+            self._ant, self._joints, pybullet.POSITION_CONTROL, forces=[0.0] * len(ANT.joints), **c
         )
         if self.render_mode:
-            for link, part in zip((-1, *self._parts), PARTS, strict=True):
-                rgb = (channel / 255 for channel in COLORS[part.split()[-1]])
+            kinds = ["torso", *(part.kind for part in parts)]
+            for link, kind in zip((-1, *self._parts), kinds, strict=True):
+                rgb = (channel / 255 for channel in COLORS[kind])
                 pybullet.changeVisualShape(self._ant, link, rgbaColor=(*rgb, 1.0), **c)
         self._start = pybullet.saveState(**c)
         self._loaded = self.design.copy()
@@ -443,7 +436,8 @@ class Ant(gymnasium.Env, EzPickle):
     # ------------------------------------------------------------------------ state and pictures
 
     def body_poses(self) -> list[tuple[str, tuple[float, ...], tuple[float, ...]]]:
-        """(name, position (3,) in m, orientation (4,) quaternion x, y, z, w) of each of `PARTS`.
+        """(name, position (3,) in m, orientation (4,) quaternion x, y, z, w) of each part, in
+        the order of `ANT.tree`.
 
         A leg part's position is that of its frame, which sits where it hangs on its parent (see
         `leg_capsules`); the torso's is its centre.
@@ -454,9 +448,8 @@ class Ant(gymnasium.Env, EzPickle):
         links = pybullet.getLinkStates(
             self._ant, self._parts, computeForwardKinematics=1, physicsClientId=self._client
         )
-        poses = [("torso", position, orientation)]
-        poses += [(name, link[4], link[5]) for name, link in zip(PARTS[1:], links, strict=True)]
-        return poses
+        poses = [(position, orientation), *((link[4], link[5]) for link in links)]
+        return [(part, *pose) for part, pose in zip(ANT.tree, poses, strict=True)]
 
     def render(self):
         """(480, 640, 3) uint8: the ant from its right side, on chequers of 1 m."""
@@ -465,7 +458,7 @@ class Ant(gymnasium.Env, EzPickle):
             return None
         c = {"physicsClientId": self._client}
         (x, y, _), _ = pybullet.getBasePositionAndOrientation(self._ant, **c)
-        legs = ANT.dimensions(self.design).reshape(len(ANT_LEGS), 9)[:, :6].reshape(-1, 3, 2)
+        legs = ANT.design.dimensions(self.design).reshape(len(ANT_LEGS), 9)[:, :6].reshape(-1, 3, 2)
         reach = np.hypot(*legs.sum(axis=1).T).max()  # m, of the longest leg, stretched out
         away = 0.7 + 1.1 * reach
         view = pybullet.computeViewMatrix(

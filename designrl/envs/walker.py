@@ -13,32 +13,11 @@ from gymnasium.envs.box2d.bipedal_walker import (
 )
 from gymnasium.utils import EzPickle
 
-from designrl.design import WALKER, leg_area_reward_factor
+from designrl.bodies.walker import WALKER, is_closest_lidar, leg_area_reward_factor
 from designrl.envs.action import checked_action
 from designrl.errors import InputError
 
-PARTS = ("hull", "top leg 1", "bottom leg 1", "top leg 2", "bottom leg 2")
-JOINTS = ("hip 1", "knee 1", "hip 2", "knee 2")
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
-LIDAR_RAYS = 10
-OBSERVATIONS = (
-    "hull angle",
-    "hull angular velocity",
-    "horizontal speed",
-    "vertical speed",
-    *(
-        name
-        for leg in (1, 2)
-        for name in (
-            f"hip {leg} angle",
-            f"hip {leg} speed",
-            f"knee {leg} angle",
-            f"knee {leg} speed",
-            f"leg {leg} ground contact",
-        )
-    ),
-    *(f"lidar {ray}" for ray in range(LIDAR_RAYS)),
-)
 
 
 class _FirstHit(b2RayCastCallback):
@@ -60,7 +39,9 @@ class _World(b2World):
 
     def __init__(self, scales: np.ndarray, first_hit: bool):
         super().__init__()
-        (w1, h1, w2, h2), (w3, h3, w4, h4) = (WALKER.dimensions(scales) / SCALE).reshape(2, 4)
+        (w1, h1, w2, h2), (w3, h3, w4, h4) = (WALKER.design.dimensions(scales) / SCALE).reshape(
+            2, 4
+        )
         self._hull_y = y = TERRAIN_HEIGHT + max(h1 + h2, h3 + h4)  # m
         self._parts = [  # width, height, y of the centre, all in m; popped from the end
             (float(width), float(height), float(centre))
@@ -170,8 +151,9 @@ class Walker(BipedalWalker):
     Truncated by the registered time limit: 1600 steps, hardcore 2000.
 
     ## Arguments
-    - `design`: (8,) scales in [0.25, 1.75], in the order of `designrl.design.WALKER.names`;
-      None is the original body. `reset(options={"design": scales})` changes it from then on.
+    - `design`: (8,) scales in [0.25, 1.75], in the order of
+      `designrl.bodies.walker.WALKER.design.names`; None is the original body.
+      `reset(options={"design": scales})` changes it from then on.
     - `lidar`: "v2", the task of the paper: a ray stops at the first ground fixture that Box2D
       reports, which is not always the closest one. "v3": at the closest, as in Gymnasium.
     - `leg_area_reward`: multiply the rewards, except that of a fall, by 1 + ln(original leg area /
@@ -186,6 +168,8 @@ class Walker(BipedalWalker):
     - v0: the 2018 task on Gymnasium 1.4 and box2d-py 2.3.8.
     """
 
+    body = WALKER
+
     def __init__(
         self,
         design=None,
@@ -194,22 +178,20 @@ class Walker(BipedalWalker):
         hardcore: bool = False,
         render_mode: str | None = None,
     ):
-        if lidar not in ("v2", "v3"):
-            raise InputError(f'lidar is {lidar!r}; it must be "v2" (the paper\'s) or "v3"')
+        self._closest_hits = is_closest_lidar(lidar)
         super().__init__(render_mode=render_mode, hardcore=hardcore)
         EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
-        self.lidar_version = lidar
         self.leg_area_reward = leg_area_reward
-        self._set_design(np.ones(WALKER.size) if design is None else design)
+        self._set_design(np.ones(WALKER.design.size) if design is None else design)
 
-        high = np.full(len(OBSERVATIONS), np.inf, dtype=np.float32)
+        high = np.full(len(WALKER.observations), np.inf, dtype=np.float32)
         low = -high
-        bounded = [i for i, n in enumerate(OBSERVATIONS) if "lidar" in n or "contact" in n]
+        bounded = [i for i, n in enumerate(WALKER.observations) if "lidar" in n or "contact" in n]
         low[bounded], high[bounded] = 0.0, 1.0
         self.observation_space = spaces.Box(low, high)
 
     def _set_design(self, design) -> None:
-        self.design = WALKER.validate(design)
+        self.design = WALKER.design.validate(design)
         self.reward_factor = (
             float(leg_area_reward_factor(self.design)) if self.leg_area_reward else 1.0
         )
@@ -225,7 +207,7 @@ class Walker(BipedalWalker):
         # The old world goes as a whole: a world that is used again keeps the order in which its
         # free list hands out contacts and tree nodes, and with it another rounding.
         self.terrain = []
-        self.world = _World(self.design, first_hit=self.lidar_version == "v2")
+        self.world = _World(self.design, first_hit=not self._closest_hits)
         self._x = self._tilt = 0.0
         return super().reset(seed=seed)
 
@@ -235,7 +217,7 @@ class Walker(BipedalWalker):
         Raises:
             InputError: an action that is not four finite numbers.
         """
-        action = checked_action(action, len(JOINTS))
+        action = checked_action(action, len(WALKER.joints))
         observation, reward, terminated, truncated, info = super().step(action)
         x, tilt = self.hull.position[0], abs(self.hull.angle)
         terms = dict.fromkeys(REWARD_TERMS, 0.0)
@@ -251,7 +233,3 @@ class Walker(BipedalWalker):
         self._x, self._tilt = x, tilt
         info["reward_terms"] = terms
         return observation, float(reward), terminated, truncated, info
-
-    def lidar_rays(self) -> np.ndarray:
-        """(10, 2, 2) start and end of each ray of the last step, in m."""
-        return np.array([[ray.p1, ray.p2] for ray in self.lidar])

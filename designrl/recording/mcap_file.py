@@ -18,6 +18,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from designrl.errors import InputError
+from designrl.files import cannot_write, replace
 from designrl.provenance import VERSION
 
 CHUNK_BYTES = 2**20  # uncompressed; what a chunk may hold before it is compressed and written
@@ -101,10 +102,7 @@ class McapFile:
     def _failure(self, error: OSError) -> RecordingError:
         # Neither a file of before nor what was sealed of this one is harmed.
         intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
-        return RecordingError(
-            f"{self.path} cannot be written ({error.strerror}); free some space, allow writing "
-            f"there or choose another place{intact}"
-        )
+        return RecordingError(f"{cannot_write(self.path, error)}{intact}")
 
     @property
     def is_open(self) -> bool:
@@ -195,15 +193,9 @@ class McapFile:
 
     def publish(self) -> None:
         """Seal, make it durable, and let it replace what `path` held."""
-        self.seal()
+        self.seal(durable=True)
         try:
-            os.fsync(self._file.fileno())
-            os.replace(self._temporary, self.path)
-            folder = os.open(self.path.parent, os.O_RDONLY)
-            try:
-                os.fsync(folder)  # its new name, too
-            finally:
-                os.close(folder)
+            replace(self._temporary, self.path)
         except OSError as error:
             self.abandon()
             raise self._failure(error) from None

@@ -8,10 +8,12 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
+from designrl.bodies import relative
 from designrl.errors import InputError
 from designrl.recording import schema_pb2 as schema
-from designrl.recording.bodies import GROUND_REFRESH, make_body, relative
 from designrl.recording.mcap_file import END, ROLLOUT, McapFile
+
+GROUND_REFRESH = 1.0  # m that a body moves before the ground near it is recorded again
 
 
 def _cdr_string(text: str) -> bytes:
@@ -27,7 +29,7 @@ class RolloutWriter:
 
     Args:
         path: the file.
-        env: one of this package's environments, already reset.
+        env: an environment with a `designrl.bodies.Body` as its `body`, already reset.
         metadata: what to say of the rollout.
 
     Raises (every method):
@@ -35,17 +37,17 @@ class RolloutWriter:
     """
 
     def __init__(self, path: str | Path, env, metadata: dict):
-        self._body = make_body(env)
-        parts = list(self._body.parents)
-        self._parent_indices = [parts.index(p) for p in list(self._body.parents.values())[1:]]
+        self._env, self._body = env.unwrapped, env.unwrapped.body
+        parts = list(self._body.tree)
+        self._parent_indices = [parts.index(p) for p in list(self._body.tree.values())[1:]]
         self._step, self._total, self._shown_at = 0, 0.0, None
         self._file = McapFile(path)
         self._file.metadata(ROLLOUT, metadata)  # first, so that a file that was cut has it
-        description = self._body.urdf(_caption(metadata))
+        description = self._body.urdf(self._env.design, _caption(metadata))
         string = ("std_msgs/msg/String", "ros2msg", b"string data\n", {})
         channel = self._file.channel("/robot_description", lambda: string)
         self._file.message(channel, 0, 0, _cdr_string(description))
-        terrain = self._body.terrain()
+        terrain = self._body.terrain(self._env)
         if terrain is not None:
             profile, obstacles = terrain
             message = schema.Terrain(x=profile[:, 0].tolist(), z=profile[:, 1].tolist())
@@ -55,18 +57,18 @@ class RolloutWriter:
         self._write_poses()
 
     def _now(self) -> int:
-        return round(self._step * self._body.dt * 1e9)
+        return round(self._step * self._body.time_step * 1e9)
 
     def _write_poses(self) -> None:
         now = self._now()
-        positions, rotations = self._body.poses()
+        positions, rotations = self._body.poses(self._env)
         place = positions[0].copy()
         parents = self._parent_indices
         hanging = (positions[parents], rotations[parents]), (positions[1:], rotations[1:])
         positions[1:], rotations[1:] = relative(*hanging)
         message = FrameTransforms()
         for (part, parent), p, q in zip(
-            self._body.parents.items(), positions.tolist(), rotations.tolist(), strict=True
+            self._body.tree.items(), positions.tolist(), rotations.tolist(), strict=True
         ):
             transform = message.transforms.add(parent_frame_id=parent, child_frame_id=part)
             transform.timestamp.FromNanoseconds(now)
@@ -76,7 +78,7 @@ class RolloutWriter:
         self._file.write("/tf", message, now, self._step)
         if self._shown_at is None or math.dist(place, self._shown_at) > GROUND_REFRESH:
             self._shown_at = place
-            cloud = _point_cloud(*self._body.ground_near(place), now)
+            cloud = _point_cloud(*self._body.ground_near(self._env, place), now)
             self._file.write("/ground", cloud, now, self._step)
 
     def step(self, observation, action, reward: float, info: dict) -> None:
@@ -86,28 +88,29 @@ class RolloutWriter:
             observation: (O,) what the agent saw before it.
             action: (A,) what it did.
             reward: what it got.
-            info: of the environment; "reward_terms" holds the parts of the reward.
+            info: of the environment; "reward_terms" holds the parts of the reward, if any.
         """
-        body, step, write = self._body, self._step, self._file.write
+        body, env, step, write = self._body, self._env, self._step, self._file.write
         before = self._now()
         message = schema.Observation(step=step, values=np.float32(observation).tolist())
-        write("/observation", message, before, step, body.observation_names)
+        write("/observation", message, before, step, body.observations)
         message = schema.Action(step=step, values=np.float32(action).tolist())
-        write("/action", message, before, step, body.joint_names)
+        write("/action", message, before, step, body.joints)
 
         self._step += 1
         after = self._now()
         self._total += float(reward)
-        terms = info["reward_terms"]
+        terms = info.get("reward_terms", {"reward": reward})
         message = schema.Reward(step=step, reward=reward, total=self._total, terms=terms.values())
         write("/reward", message, after, step, list(terms))
-        angles, speeds, torques = body.joints()
-        message = schema.Joints(step=step, angles=angles, speeds=speeds, torques=torques)
-        write("/joints", message, after, step, body.joint_names)
-        message = schema.Contacts(step=step, touching=body.contacts())
-        write("/contacts", message, after, step, body.contact_names)
-        rays = body.lidar()
-        if rays is not None:
+        if (states := body.joint_states(env)) is not None:
+            angles, speeds, torques = states
+            message = schema.Joints(step=step, angles=angles, speeds=speeds, torques=torques)
+            write("/joints", message, after, step, body.joints)
+        if (touching := body.contacts(env)) is not None:
+            message = schema.Contacts(step=step, touching=touching)
+            write("/contacts", message, after, step, body.contact_names)
+        if (rays := body.lidar(env)) is not None:
             (x, z), (end_x, end_z) = rays[0, 0].tolist(), rays[:, 1].T.tolist()
             message = schema.Lidar(step=step, origin_x=x, origin_z=z, end_x=end_x, end_z=end_z)
             write("/lidar", message, after, step)
@@ -179,27 +182,19 @@ def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = N
         raise InputError(f"the seed is {seed}; choose one from 0 up")
     import gymnasium
 
-    import designrl  # noqa: F401 (registers the environments)
-
-    env = gymnasium.make(agent.experiment.env_id, design=agent.body, disable_env_checker=True)
-    dimensions = agent.experiment.body.dimensions(agent.body)
+    env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
+    design = agent.experiment.body.design
     about = {
         "experiment": agent.experiment.name,
         "seed": seed,
-        "unit": agent.experiment.body.unit,
-        "body": dict(zip(agent.experiment.body.names, dimensions.tolist(), strict=True)),
+        "unit": design.unit,
+        "body": dict(zip(design.names, design.dimensions(agent.scales).tolist(), strict=True)),
         "agent": agent.metadata,
         **(metadata or {}),
     }
-    agent.reset(seed)
-    observation, _ = env.reset(seed=seed)
+    observation = agent.start(env, seed)
     with RolloutWriter(path, env, about) as writer:
-        done, t = False, 0
-        while not done:
-            action = agent.act(observation, t)
-            seen = observation
-            observation, reward, terminated, truncated, info = env.step(action)
-            writer.step(seen, action, reward, info)
-            done, t = terminated or truncated, t + 1
+        for step in agent.steps(env, observation):
+            writer.step(step.observation, step.action, step.reward, step.info)
     env.close()
     return writer.score

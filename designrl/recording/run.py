@@ -35,7 +35,7 @@ class RunWriter:
         metadata: what to say of the run; "experiment" names it and the body's dimensions.
         resume_generation: keep what an existing file holds of the generations before this one,
             drop the rest, and go on. Where some of them are missing, because the file was cut or
-            removed, a line on stderr and the metadata record "resumed" say so.
+            removed, a line on stderr and the metadata record "resumed" say so. The metadata stays.
 
     Raises (every method):
         RecordingError: the file cannot be written, or the one to go on with is no recording.
@@ -50,7 +50,6 @@ class RunWriter:
         name = metadata.get("experiment")
         experiment = get_experiment(name) if name else None
         self._design = experiment.design if experiment else None
-        self._log_time = 0
         old = Path(path)
         resumed = resume_generation is not None
         held: set[int] = set()
@@ -62,15 +61,14 @@ class RunWriter:
 
         self._file = McapFile(path)
         try:
-            if resumed and old.exists():
-                _copy(self._file, old, keep)
-                self._log_time = self._file.last_log_time
-            else:
+            known = _copy(self._file, old, keep) if resumed and old.exists() else set()
+            self._log_time = self._file.last_log_time
+            if RUN not in known:
                 self._file.metadata(RUN, metadata)
             if resumed:
                 gap = _gap(held, resume_generation)
                 about = {"generation": resume_generation} | ({"missing": gap} if gap else {})
-                self._file.metadata(RESUMED, {**metadata, **about})
+                self._file.metadata(RESUMED, about)
             self._file.publish()
             if resumed and gap:
                 print(f"{path}: {gap} (the file was cut or removed); going on", file=sys.stderr)
@@ -94,6 +92,7 @@ class RunWriter:
         seeds: np.ndarray,
         seconds: float,
         total_steps: int,
+        cpu_seconds: float = 0.0,
     ) -> None:
         """Record a generation.
 
@@ -105,6 +104,7 @@ class RunWriter:
             seeds: (N, R) their seeds.
             seconds: s of wall time that the run has taken so far.
             total_steps: environment steps of the run so far.
+            cpu_seconds: s of processor time that the run has taken so far; 0: not known.
         """
         mu, sigma = np.asarray(mu, dtype=np.float32), np.asarray(sigma, dtype=np.float32)
         fitness = np.mean(returns, axis=1)
@@ -122,6 +122,7 @@ class RunWriter:
                 steps=int(np.sum(steps)),
                 total_steps=total_steps,
                 seconds=seconds,
+                cpu_seconds=cpu_seconds,
             ),
         )
         if self._design is not None:
@@ -220,8 +221,11 @@ def _every_nth(held: list[int], step: int) -> set[int]:
     return {held[bisect_left(held, g)] for g in range(0, held[-1] + 1, step)} | {held[-1]}
 
 
-def _copy(target: McapFile, source: Path, keep) -> None:
-    """Copy metadata and the messages for which keep(topic, generation) holds."""
+def _copy(target: McapFile, source: Path, keep) -> set[str]:
+    """Copy metadata and the messages for which keep(topic, generation) holds.
+
+    Returns: the names of its metadata records.
+    """
     found = scan(source)
     for name, values in found.metadata:
         if name != END:
@@ -239,6 +243,7 @@ def _copy(target: McapFile, source: Path, keep) -> None:
                 ids[message.channel_id], message.log_time, message.sequence, message.data
             )
             target.seal_if_due()
+    return {name for name, _ in found.metadata}
 
 
 def thin(source: str | Path, target: str | Path, every: int) -> None:

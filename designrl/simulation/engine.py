@@ -20,7 +20,7 @@ import gymnasium
 import numpy as np
 
 import designrl  # noqa: F401 (registers the environments, whose time limits hold here too)
-from designrl.design import WALKER
+from designrl.bodies.walker import WALKER
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
@@ -215,7 +215,7 @@ class WalkerEngine:
         n, r = seeds.shape
         expected = {
             "parameters": (weights.shape, (n, _NETWORK.num_parameters)),
-            "scales": (scales.shape, (n, WALKER.size)),
+            "scales": (scales.shape, (n, WALKER.design.size)),
             "reward_factors": (factors.shape, (n,)),
         }
         for name, (shape, needed) in expected.items():

@@ -26,7 +26,7 @@ from designrl.simulation.reference import run_episode
 from tqdm import tqdm
 
 import designrl  # noqa: F401 (registers the environments)
-from designrl.design import leg_area_reward_factor
+from designrl.bodies.walker import leg_area_reward_factor
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
 from designrl.simulation.engine import WalkerEngine, engine_missing_reason

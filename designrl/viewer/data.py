@@ -5,12 +5,10 @@ import json
 import numpy as np
 import rerun as rr
 
-from designrl.experiments import get_experiment
+from designrl.bodies import GROUND_HALF_WIDTH
 from designrl.recording import Recording, RecordingError
-from designrl.recording.bodies import GROUND_HALF_WIDTH
-from designrl.recording.urdf import body_urdf
 from designrl.viewer.drawing import Robot, log_floor, log_terrain
-from designrl.viewer.layout import GENERATION, TIME, entity, limbs
+from designrl.viewer.layout import GENERATION, TIME, body_of, entity
 
 MAX_FIGURES = 300  # bodies of a run that are drawn, evenly spaced over its generations
 ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: the original body stands to the left of the learned one
@@ -103,8 +101,8 @@ def _log_design(stream, recording: Recording, name: str) -> None:
     sizes, lower, upper = (
         recording.array("/design", field) for field in ("dimensions", "lower", "upper")
     )
-    names = recording.names("/design")
-    for limb, indices in limbs(names).items():
+    names, body = recording.names("/design"), body_of(recording)
+    for limb, indices in body.limbs.items():
         colors = PALETTE[np.arange(len(indices)) % len(PALETTE)]
         _series(
             stream,
@@ -117,13 +115,12 @@ def _log_design(stream, recording: Recording, name: str) -> None:
                 "widths": [2.5] * len(indices) + [0.8] * 2 * len(indices),
             },
         )
-    space = get_experiment(recording.metadata["experiment"]).body
-    original = Robot(body_urdf(space, np.ones(space.size)), GRAY)
+    original = Robot(body.urdf(np.ones(body.design.size)), body.rest_pose, GRAY)
     original.log(stream, f"{name}/figure/original", ORIGINAL_AT, static=True)
     generations = recording.array("/design", "generation").tolist()
     for i in np.unique(np.linspace(0, len(sizes) - 1, MAX_FIGURES).round().astype(int)):
         stream.set_time(GENERATION, sequence=generations[i])
-        robot = Robot(body_urdf(space, sizes[i] / space.originals))
+        robot = Robot(body.urdf(sizes[i] / body.design.originals), body.rest_pose)
         robot.log(stream, f"{name}/figure/mean", (0, 0, 0))
     stream.reset_time()
 
@@ -154,11 +151,12 @@ def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> 
     if recording.topics.get("/lidar"):
         _log_lidar(stream, recording, f"{world}/lidar")
     for topic, field in (("/reward", "terms"), ("/action", "values"), ("/joints", "angles")):
-        values, names = recording.array(topic, field), recording.names(topic)
-        # A fall is a hundred times any other term, and ends the score's curve visibly enough.
-        used = [i for i in range(len(names)) if values[:, i].any() and names[i] != "fall"]
-        series = values[:, used], [names[i] for i in used]
-        _series(stream, f"{name}{topic}", _times(recording, topic), *series)
+        if recording.topics.get(topic):
+            values, names = recording.array(topic, field), recording.names(topic)
+            # What the last step alone brings, as a fall, would dwarf the rest; the score shows it.
+            used = [i for i in range(len(names)) if values[: max(1, len(values) - 1), i].any()]
+            series = values[:, used], [names[i] for i in used]
+            _series(stream, f"{name}{topic}", _times(recording, topic), *series)
     total = recording.array("/reward", "total")
     _series(stream, f"{name}/score", _times(recording, "/reward"), total, ["sum of rewards"])
 

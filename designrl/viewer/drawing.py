@@ -1,16 +1,14 @@
-"""Solid things: robots from their URDF text, the walker's terrain, the ant's floor."""
+"""Solid things: robots from their URDF text, terrain, a flat floor."""
 
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import rerun as rr
 
+from designrl.bodies import GROUND_COLOR, GROUND_HALF_WIDTH, OBSTACLE_COLOR
 from designrl.errors import InputError
-from designrl.recording.bodies import GROUND_COLOR, GROUND_HALF_WIDTH, OBSTACLE_COLOR
 from designrl.viewer.layout import entity
 
-# rad: how a body stands where only its design is shown; other joints are in mid-range.
-POSE = {"hip 1": -0.35, "knee 1": -0.2, "hip 2": 0.5, "knee 2": -0.5}
 SOLID = rr.components.FillMode.Solid
 GRID_COLOR = (90, 150, 78)
 EDGE_COLOR = (50, 96, 42)
@@ -19,22 +17,28 @@ EDGE_COLOR = (50, 96, 42)
 class Robot:
     """A URDF robot made of boxes, cylinders and spheres, as far as it takes to draw it.
 
+    Args:
+        text: the URDF.
+        pose: joint -> rad; joints that are not named are in mid-range.
+        color: of all of it, instead of its own.
+
     Attributes:
         shapes: link -> kind -> what to draw.
-        joints: child -> parent, place in the parent's frame, axis, angle of `POSE`.
+        joints: child -> parent, place in the parent's frame, axis, angle.
 
     Raises:
         InputError: the text is not such a robot.
     """
 
-    def __init__(self, text: str, color=None):
+    def __init__(self, text: str, pose: dict[str, float] | None = None, color=None):
         try:
             root = ElementTree.fromstring(text)
             self.shapes = {
                 link.get("name"): self._shapes(link, color) for link in root.iter("link")
             }
             self.joints = {
-                joint.find("child").get("link"): self._joint(joint) for joint in root.iter("joint")
+                joint.find("child").get("link"): self._joint(joint, pose or {})
+                for joint in root.iter("joint")
             }
         except (
             ElementTree.ParseError,
@@ -63,12 +67,12 @@ class Robot:
         }
 
     @staticmethod
-    def _joint(joint) -> tuple[str, np.ndarray, np.ndarray, float]:
+    def _joint(joint, pose: dict[str, float]) -> tuple[str, np.ndarray, np.ndarray, float]:
         place, axis, limit = _floats(joint.find("origin"), "xyz"), np.array([0, 0, 1.0]), (0.0, 0.0)
         if joint.get("type") == "revolute":
             axis = _floats(joint.find("axis"), "xyz")
             limit = [float(joint.find("limit").get(side)) for side in ("lower", "upper")]
-        angle = POSE.get(joint.get("name"), sum(limit) / 2)
+        angle = pose.get(joint.get("name"), sum(limit) / 2)
         return joint.find("parent").get("link"), place, axis, angle
 
     def log(self, stream: rr.RecordingStream, path: str, at, static: bool = False) -> None:

@@ -1,33 +1,37 @@
 """What goes where on the screen: a Rerun blueprint for a set of recordings."""
 
-import re
-
 import rerun as rr
 import rerun.blueprint as rrb
 
-from designrl.design import ANT
+from designrl.bodies import Body
 from designrl.errors import InputError
+from designrl.experiments import get_experiment
 from designrl.recording import Recording
 
 GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
 PLOT_SECONDS = 3.0  # to either side of the cursor
 SKY = (215, 215, 255)  # Gymnasium's
 
-# Where the eye is and what it looks at, in m: from the body of a rollout, or in a run's picture of
-# two bodies.
-ROLLOUT_EYES = {
-    "walker": ((1.0, -7.6, 0.5), (1.0, 0, -0.8)),
-    "ant": ((-2.5, -4.5, 2.2), (0.1, 0, -0.1)),  # far enough for the longest legs, stretched
-}
-DESIGN_EYES = {
-    "walker": ((-1.3, -6.5, -0.9), (-1.3, 0, -1.3)),
-    "ant": ((-1.2, -2.6, 2.6), (-1.2, -0.1, 0)),
-}
-
 
 def entity(*names: str) -> str:
     """An entity path of parts that may hold spaces."""
     return "/".join(rr.escape_entity_path_part(name) for name in names)
+
+
+def body_of(recording: Recording) -> Body:
+    """The body of the recording's experiment.
+
+    Raises:
+        InputError: the experiment is not known here.
+    """
+    name = recording.metadata.get("experiment")
+    try:
+        return get_experiment(name).body
+    except InputError:
+        raise InputError(
+            f"{recording.path} is of the experiment {name!r}, which is not known here; register "
+            "it first (designrl.experiments.register)"
+        ) from None
 
 
 def blueprint(recordings: list[Recording], names: list[str]) -> rrb.Blueprint:
@@ -37,7 +41,7 @@ def blueprint(recordings: list[Recording], names: list[str]) -> rrb.Blueprint:
         names: of the recordings, each the root of its entities.
 
     Raises:
-        InputError: a recording that is not ours.
+        InputError: a recording that is not ours, or of an unknown body.
     """
     makers = {"run": run_layout, "rollout": rollout_layout}
     tabs = []
@@ -61,7 +65,7 @@ def blueprint(recordings: list[Recording], names: list[str]) -> rrb.Blueprint:
 def rollout_layout(recording: Recording, title: str) -> rrb.Container:
     """The body from its side, and below it what it gets, does and feels."""
     name = entity(title)
-    eye = ROLLOUT_EYES["walker" if "/terrain" in recording.topics else "ant"]
+    eye = body_of(recording).rollout_eye
     return rrb.Vertical(
         _scene("body", f"{name}/world/follow", f"{name}/world/**", eye),
         rrb.Horizontal(
@@ -85,14 +89,13 @@ def run_layout(recording: Recording, title: str) -> rrb.Container:
     )
     if not recording.topics.get("/design"):
         return rrb.Vertical(learning, name=title)
-    unit = recording.unit("/design")
+    shown, unit = body_of(recording), recording.unit("/design")
     plots = [
-        _plot(f"{limb}, {unit} ± sigma", f"{name}/design/{entity(limb)}")
-        for limb in limbs(recording.names("/design"))
+        _plot(f"{limb}, {unit} ± sigma", f"{name}/design/{entity(limb)}") for limb in shown.limbs
     ]
-    eye = DESIGN_EYES["ant" if len(recording.names("/design")) == ANT.size else "walker"]
     figure = f"{name}/figure"
-    body = _scene("body at the mean design; gray: original", figure, f"{figure}/**", eye)
+    title_of_body = "body at the mean design; gray: original"
+    body = _scene(title_of_body, figure, f"{figure}/**", shown.design_eye)
     return rrb.Horizontal(
         learning,
         rrb.Vertical(body, rrb.Grid(*plots, grid_columns=2), row_shares=[1, 1]),
@@ -121,12 +124,3 @@ def _plot(title: str, origin: str, seconds: float | None = None) -> rrb.TimeSeri
         axis = rrb.TimeAxis(view_range=view)
     legend = rrb.Corner2D.LeftTop
     return rrb.TimeSeriesView(name=title, origin=origin, plot_legend=legend, axis_x=axis)
-
-
-def limbs(names: list[str]) -> dict[str, list[int]]:
-    """Limb -> indices of the dimensions that belong to it; a limb is one of the paper's legs."""
-    found: dict[str, list[int]] = {}
-    for i, name in enumerate(names):
-        leg = re.search(r"leg \d+", name)
-        found.setdefault(leg[0] if leg else " ".join(name.split()[:2]), []).append(i)
-    return found
