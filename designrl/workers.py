@@ -397,8 +397,8 @@ class RayWorkers(_Workers):
             self._failed_starts += 1
             if self._failed_starts >= MAX_FAILURES and not self._idle and not self._busy:
                 raise InputError(
-                    f"no worker starts on the Ray cluster ({_one_line(error)}); install this version "
-                    "of designrl on its nodes"
+                    f"no worker starts on the Ray cluster ({_one_line(error)}); install this "
+                    "version of designrl on its nodes"
                 ) from None
             return
         if sources != sources_hash():

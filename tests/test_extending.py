@@ -3,10 +3,10 @@
 import gymnasium
 import numpy as np
 import pytest
-from designrl.bodies import Body, urdf
-from designrl.bodies.walker import WALKER
 
 import designrl
+from designrl.bodies import Body, urdf
+from designrl.bodies.walker import WALKER
 from designrl.cli import main
 from designrl.design import DesignSpace
 from designrl.errors import InputError

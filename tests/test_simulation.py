@@ -9,8 +9,8 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from designrl.bodies.walker import leg_area_reward_factor
 
+from designrl.bodies.walker import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import PUBLISHED_ANT_NETWORK, get_experiment
