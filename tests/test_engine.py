@@ -12,14 +12,15 @@ from designrl.design import WALKER, leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.simulation import EpisodeRules, Simulator, engine
-from designrl.simulation.engine import (
+from designrl import engine
+from designrl.simulation import EpisodeRules, Simulator
+from designrl.engine import (
     INSTRUCTION_SETS,
     CompiledAgent,
     WalkerEngine,
     engine_missing_reason,
 )
-from designrl.simulation.verify import (
+from designrl.engine.verify import (
     Case,
     compare,
     make_cases,

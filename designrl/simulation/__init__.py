@@ -99,7 +99,7 @@ class Simulator:
         self.lidar = lidar
         self._engine = None
         if backend == "engine" and self.experiment.is_walker:
-            from designrl.simulation.engine import WalkerEngine, engine_missing_reason
+            from designrl.engine import WalkerEngine, engine_missing_reason
 
             reason = engine_missing_reason()
             if reason is None:
@@ -282,7 +282,7 @@ def _run_engine(engine, experiment_name, rules, candidates, seeds, progress=None
 @cache
 def _cached_engine(hardcore: bool, lidar: str):
     """The engine of a worker, with one thread; None where it cannot run."""
-    from designrl.simulation.engine import WalkerEngine, engine_missing_reason
+    from designrl.engine import WalkerEngine, engine_missing_reason
 
     return None if engine_missing_reason() else WalkerEngine(hardcore, lidar, threads=1)
 

@@ -37,7 +37,7 @@ def _environment(env_id: str, **kwargs) -> gymnasium.Env:
 
 @cache
 def _compiled_agent_class() -> type[Agent]:
-    from designrl.simulation.engine import CompiledAgent, engine_missing_reason
+    from designrl.engine import CompiledAgent, engine_missing_reason
 
     return Agent if engine_missing_reason() else CompiledAgent
 

@@ -20,7 +20,7 @@ import designrl  # noqa: F401
 from designrl.envs.ant import Ant
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.simulation.engine import CompiledAgent
+from designrl.engine import CompiledAgent
 from designrl.simulation.reference import run_episode
 
 STEPS = 1000

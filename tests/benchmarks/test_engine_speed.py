@@ -18,7 +18,7 @@ import pytest
 
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.simulation.engine import WalkerEngine, engine_missing_reason
+from designrl.engine import WalkerEngine, engine_missing_reason
 from designrl.simulation.reference import run_episode
 
 REASON = engine_missing_reason()

@@ -7,8 +7,8 @@
 #include <thread>
 #include <vector>
 
-#include "batch.h"
-#include "policy.h"
+#include "common/batch.h"
+#include "common/policy.h"
 
 #define DECLARE_ENGINE(name)                     \
   namespace name {                               \

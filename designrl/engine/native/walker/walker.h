@@ -2,8 +2,8 @@
 // reward (Gymnasium's bipedal_walker.py, designrl/envs/walker.py, b2World::Step).
 #pragma once
 
-#include "continuous.h"
-#include "lidar.h"
+#include "walker/box2d/continuous.h"
+#include "walker/lidar.h"
 
 namespace ENGINE {
 

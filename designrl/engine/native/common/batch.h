@@ -1,5 +1,5 @@
 // What a rollout of many episodes is asked for and where its results go; shared by the code of all
-// instruction sets and, field by field, by designrl/simulation/engine.py.
+// instruction sets and, field by field, by designrl/engine/__init__.py.
 #pragma once
 
 #include <cstdint>

@@ -1,8 +1,8 @@
 // Episodes side by side: many walkers, of which each step's velocities are solved in vector lanes.
 // Compiled once for each instruction set.
-#include "batch.h"
-#include "policy.h"
-#include "walker.h"
+#include "common/batch.h"
+#include "common/policy.h"
+#include "walker/walker.h"
 
 namespace ENGINE {
 namespace {

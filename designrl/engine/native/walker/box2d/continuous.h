@@ -2,7 +2,7 @@
 // sub-step that this takes (b2Distance.cpp, b2TimeOfImpact.cpp, b2World::SolveTOI).
 #pragma once
 
-#include "position_solver.h"
+#include "walker/box2d/position_solver.h"
 
 namespace ENGINE {
 

@@ -2,7 +2,7 @@
 // (b2ContactSolver's and b2RevoluteJoint's initialisation, warm starting and stored impulses).
 #pragma once
 
-#include "velocity_solver.h"
+#include "walker/box2d/velocity_solver.h"
 
 namespace ENGINE {
 

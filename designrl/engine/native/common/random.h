@@ -1,7 +1,7 @@
 // NumPy's random generator as Gymnasium seeds it: Generator(PCG64(SeedSequence(seed))).
 #pragma once
 
-#include "settings.h"
+#include "walker/box2d/settings.h"
 
 namespace ENGINE {
 

@@ -2,7 +2,7 @@
 // nodes, decides the order in which contacts are made and which fixture a v2 ray meets first.
 #pragma once
 
-#include "math2d.h"
+#include "walker/box2d/math2d.h"
 
 namespace ENGINE {
 

@@ -2,7 +2,7 @@
 // Box2D's order: the sums below must not be rearranged.
 #pragma once
 
-#include "settings.h"
+#include "walker/box2d/settings.h"
 
 namespace ENGINE {
 

@@ -1,8 +1,8 @@
 // The random terrain (BipedalWalker._generate_terrain and _generate_clouds of Gymnasium).
 #pragma once
 
-#include "random.h"
-#include "shapes.h"
+#include "common/random.h"
+#include "walker/box2d/shapes.h"
 
 namespace ENGINE {
 

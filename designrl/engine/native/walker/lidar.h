@@ -1,8 +1,8 @@
 // The ten LIDAR rays (b2DynamicTree::RayCast, b2EdgeShape::RayCast, b2PolygonShape::RayCast).
 #pragma once
 
-#include "simd.h"
-#include "world.h"
+#include "common/lanes.h"
+#include "walker/box2d/world.h"
 
 namespace ENGINE {
 

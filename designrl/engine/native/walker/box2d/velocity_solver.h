@@ -11,8 +11,8 @@
 // zero and left out. Restitution is zero, and with it the velocity bias.
 #pragma once
 
-#include "simd.h"
-#include "world.h"
+#include "common/lanes.h"
+#include "walker/box2d/world.h"
 
 namespace ENGINE {
 

@@ -5,7 +5,7 @@
 
 #include <immintrin.h>
 
-#include "math2d.h"
+#include "walker/box2d/math2d.h"
 
 namespace ENGINE {
 

@@ -1,7 +1,7 @@
 // Polygons and edges: hull, normals, centroid, mass and boxes (b2PolygonShape, b2EdgeShape).
 #pragma once
 
-#include "math2d.h"
+#include "walker/box2d/math2d.h"
 
 namespace ENGINE {
 

@@ -2,7 +2,7 @@
 // (SolvePositionConstraints of b2ContactSolver and b2RevoluteJoint).
 #pragma once
 
-#include "constraints.h"
+#include "walker/box2d/constraints.h"
 
 namespace ENGINE {
 

@@ -1,7 +1,7 @@
 // The five moving bodies and the four joints: state and mass (b2Body, b2RevoluteJoint).
 #pragma once
 
-#include "shapes.h"
+#include "walker/box2d/shapes.h"
 
 namespace ENGINE {
 

@@ -3,9 +3,9 @@
     engine = WalkerEngine(hardcore=True)
     returns, steps = engine.rollout(parameters, scales, reward_factors, seeds)
 
-Terrain, body, policy, physics, LIDAR and reward run in C++ (`csrc/`), one walker in each vector
+Terrain, body, policy, physics, LIDAR and reward run in C++ (`native/`), one walker in each vector
 lane, on all threads asked for. Results do not depend on the number of threads, on the vector width
-or on what else is in the batch. `python -m designrl.simulation.verify` compares it with Box2D.
+or on what else is in the batch. `python -m designrl.engine.verify` compares it with Box2D.
 """
 
 import ctypes
@@ -33,7 +33,7 @@ _POLL_SECONDS = 0.1
 
 
 class _Batch(ctypes.Structure):
-    """csrc/batch.h, field by field."""
+    """native/common/batch.h, field by field."""
 
     _fields_ = [
         ("weights", ctypes.c_void_p),
@@ -60,7 +60,7 @@ class _Batch(ctypes.Structure):
 def _library() -> ctypes.CDLL | str:
     """The loaded library, or the reason why there is none."""
     folder = Path(__file__).parent
-    paths = [folder / f"_walker_engine{suffix}" for suffix in EXTENSION_SUFFIXES]
+    paths = [folder / f"_native{suffix}" for suffix in EXTENSION_SUFFIXES]
     path = next((path for path in paths if path.exists()), None)
     if path is None:
         return (

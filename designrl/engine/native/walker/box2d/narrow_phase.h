@@ -4,7 +4,7 @@
 // the terrain is created first. The terrain's transform is the identity, so it is left out.
 #pragma once
 
-#include "shapes.h"
+#include "walker/box2d/shapes.h"
 
 namespace ENGINE {
 

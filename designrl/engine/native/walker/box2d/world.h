@@ -1,10 +1,10 @@
 // One walker's world: bodies, joints, terrain, tree and contacts (b2World, b2ContactManager).
 #pragma once
 
-#include "body.h"
-#include "narrow_phase.h"
-#include "terrain.h"
-#include "tree.h"
+#include "walker/box2d/body.h"
+#include "walker/box2d/narrow_phase.h"
+#include "walker/course.h"
+#include "walker/box2d/tree.h"
 
 namespace ENGINE {
 

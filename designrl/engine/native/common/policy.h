@@ -2,7 +2,7 @@
 // walkers' 24-40-40-4 with tanh has its sizes compiled in; one function takes any sizes.
 #pragma once
 
-#include "math2d.h"
+#include "walker/box2d/math2d.h"
 
 namespace ENGINE {
 

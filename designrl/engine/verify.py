@@ -1,7 +1,7 @@
 """Compares the compiled walker engine with Box2D, bit for bit.
 
-    python -m designrl.simulation.verify                 2,000 episodes; exit code 1 on a difference
-    python -m designrl.simulation.verify --episodes 200 --seed 5
+    python -m designrl.engine.verify                 2,000 episodes; exit code 1 on a difference
+    python -m designrl.engine.verify --episodes 200 --seed 5
 
 Each episode is run in the Gymnasium environment and in the engine: every observation, the return
 and the length must have the same bits. Designs, policies and seeds are random; policies are random
@@ -28,7 +28,7 @@ import designrl  # noqa: F401 (registers the environments)
 from designrl.design import leg_area_reward_factor
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.simulation.engine import WalkerEngine, engine_missing_reason
+from designrl.engine import WalkerEngine, engine_missing_reason
 from designrl.simulation.reference import run_episode
 
 WEIGHT_STDS = (0.1, 0.5, 1.0)  # of random networks
@@ -182,7 +182,7 @@ def make_cases(episodes: int, seed: int = 0) -> list[Case]:
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m designrl.simulation.verify", description=__doc__.splitlines()[0]
+        prog="python -m designrl.engine.verify", description=__doc__.splitlines()[0]
     )
     parser.add_argument("--episodes", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
