@@ -39,7 +39,7 @@ $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES)
 	@echo "designrl: building the package and its engine"
 	@$(PIP) install --quiet --no-build-isolation --no-deps \
 	  --config-settings editable_mode=compat --editable .
-	@$(BIN)/python -c 'from designrl.engine import engine_missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environments")'
+	@$(BIN)/python -c 'from designrl.engine import missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environments")'
 	@touch $@
 
 test: $(READY)

@@ -47,7 +47,9 @@ class BuildEngine(build_ext):
                 raise RuntimeError(f"it needs Linux on x86-64, this is {sys.platform} {machine}")
             units = [(source, "baseline", []) for source in INTERFACE]
             units += [
-                (source, name, flags) for source in TASKS for name, flags in INSTRUCTION_SETS.items()
+                (source, name, flags)
+                for source in TASKS
+                for name, flags in INSTRUCTION_SETS.items()
             ]
             with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
                 objects = sum(pool.map(self.compile_unit, units), [])

@@ -13,10 +13,12 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
+import gymnasium
 import numpy as np
 
+from designrl import engine
 from designrl.design import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network, get_experiment
@@ -99,11 +101,10 @@ class Simulator:
         self.lidar = lidar
         self._engine = None
         if backend == "engine" and self.experiment.is_walker:
-            from designrl.engine import WalkerEngine, engine_missing_reason
-
-            reason = engine_missing_reason()
+            reason = engine.missing_reason()
             if reason is None:
-                self._engine = WalkerEngine(self.experiment.hardcore, lidar, threads=workers)
+                engine.instruction_set()  # raises InputError for an unknown one
+                self._engine = partial(_run_engine, self.experiment, lidar, workers)
             else:
                 print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
         self.backend = "engine" if self._engine else "reference"
@@ -171,7 +172,7 @@ class Simulator:
         return result
 
     def _rollout_engine(self, candidates, seeds, rules, progress) -> RolloutResult:
-        run = partial(_run_engine, self._engine, self.experiment.name, rules)
+        run = partial(self._engine, rules)
         try:
             return RolloutResult(*run(candidates, seeds, progress))
         except InputError:
@@ -262,35 +263,34 @@ def _run_reference(experiment_name, network, rules, lidar, compiled_policy, cand
     return np.array(returns), np.array(steps)
 
 
-def _run_engine(engine, experiment_name, rules, candidates, seeds, progress=None):
+def engine_task(experiment: Experiment, lidar: str = "v2") -> engine.Task:
+    """A walker's task in the engine."""
+    flags = ("hardcore",) * experiment.hardcore + ("closest_hits",) * (lidar == "v3")
+    return engine.Task("walker", flags, gymnasium.spec(experiment.env_id).max_episode_steps)
+
+
+def _run_engine(experiment, lidar, threads, rules, candidates, seeds, progress=None):
     """(n, r) returns and steps of some candidates in the compiled engine."""
-    experiment = get_experiment(experiment_name)
     split, design = experiment.network.num_parameters, experiment.design
     size = experiment.body.size
     scales = design.scales(candidates[:, split:]) if design else np.ones((len(seeds), size))
     factors = leg_area_reward_factor(scales) if rules.leg_area_reward else np.ones(len(seeds))
     return engine.rollout(
+        engine_task(experiment, lidar),
+        experiment.network.sizes,
         candidates[:, :split],
         scales,
         factors,
         seeds,
-        training=rules.training,
+        shaped=rules.training,
+        threads=threads,
         progress=progress,
     )
 
 
-@cache
-def _cached_engine(hardcore: bool, lidar: str):
-    """The engine of a worker, with one thread; None where it cannot run."""
-    from designrl.engine import WalkerEngine, engine_missing_reason
-
-    return None if engine_missing_reason() else WalkerEngine(hardcore, lidar, threads=1)
-
-
 def _run_cached_engine(experiment_name, lidar, rules, candidates, seeds):
     experiment = get_experiment(experiment_name)
-    engine = _cached_engine(experiment.hardcore, lidar)
-    if engine is None:  # the reference gives the same bits
+    if engine.missing_reason():  # the reference gives the same bits
         network = experiment.network
         return _run_reference(experiment_name, network, rules, lidar, False, candidates, seeds)
-    return _run_engine(engine, experiment_name, rules, candidates, seeds)
+    return _run_engine(experiment, lidar, 1, rules, candidates, seeds)

@@ -1,12 +1,13 @@
 """The reference: episodes in the Gymnasium environments themselves."""
 
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import gymnasium
 import numpy as np
 
 import designrl  # noqa: F401 (registers the environments)
+from designrl import engine
 from designrl.experiments import Network, get_experiment
 from designrl.policy import Agent
 
@@ -33,13 +34,6 @@ class EpisodeRules:
 def _environment(env_id: str, **kwargs) -> gymnasium.Env:
     # Episodes do not depend on earlier ones, so one environment serves a process for all of them.
     return gymnasium.make(env_id, disable_env_checker=True, **kwargs)
-
-
-@cache
-def _compiled_agent_class() -> type[Agent]:
-    from designrl.engine import CompiledAgent, engine_missing_reason
-
-    return Agent if engine_missing_reason() else CompiledAgent
 
 
 def run_episode(
@@ -79,8 +73,12 @@ def run_episodes(
     `compiled_policy` asks for the compiled policy, which gives the same bits, where there is one.
     """
     experiment = get_experiment(experiment_name)
-    agent_class = _compiled_agent_class() if compiled_policy else Agent
-    agent = agent_class(experiment, parameters, network)
+    agent = Agent(experiment, parameters, network)
+    if compiled_policy and engine.missing_reason() is None:
+        count = network.num_parameters - network.noise * network.sizes[-1]
+        agent._forward = engine.act_function(
+            network.sizes, network.output == "tanh", agent.parameters[:count]
+        )
     kwargs = {}
     if experiment.is_walker:
         kwargs = {"lidar": lidar, "leg_area_reward": rules.leg_area_reward}

@@ -3,8 +3,9 @@
 #pragma once
 
 #include "walker/box2d/math2d.h"
+#include "walker/scene.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 constexpr int kNone = -1;
 
@@ -200,4 +201,4 @@ struct Tree {
   }
 };
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker
