@@ -12,7 +12,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-ENGINE_SOURCES := $(wildcard setup.py designrl/simulation/csrc/*)
+ENGINE_SOURCES := setup.py $(shell find designrl/engine/native -type f)
 REPRODUCE := $(addprefix reproduce-,table1 table2 table3 table4 statistics report \
   figure1 figure2 figure3 figure4 figure5 figure6 figure7)
 
@@ -36,10 +36,10 @@ $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES)
 	@grep -E '^(swig|setuptools|wheel)==' requirements.lock > $(VENV)/build-tools.lock
 	@$(PIP) install --quiet -r $(VENV)/build-tools.lock
 	@$(PIP) install --quiet --no-build-isolation -r requirements.lock
-	@echo "designrl: building the package and its walker engine"
+	@echo "designrl: building the package and its engine"
 	@$(PIP) install --quiet --no-build-isolation --no-deps \
 	  --config-settings editable_mode=compat --editable .
-	@$(BIN)/python -c 'from designrl.simulation.engine import engine_missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environment")'
+	@$(BIN)/python -c 'from designrl.engine import missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environments")'
 	@touch $@
 
 test: $(READY)
@@ -62,7 +62,7 @@ gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
 
 verify-engine: $(READY)
-	@$(BIN)/python -m designrl.simulation.verify
+	@$(BIN)/python -m designrl.engine.verify
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py

@@ -195,15 +195,20 @@ class Agent:
     @cached_property
     def _forward(self):
         # (inputs,) and (A,) or None, float32 -> (A,) float32
-        sizes, weights = self.network.sizes, self.parameters[: self.network.num_parameters]
-        tanh_output = self.network.output == "tanh"
-        if engine.missing_reason() is None and max(sizes) <= engine.widest_layer():
-            return engine.compiled_policy(sizes, weights.astype(np.float32), tanh_output)
-        return forward_function(self.network, weights)
+        network = self.network
+        weights = self.parameters[: network.num_parameters - network.noise * network.sizes[-1]]
+        try:
+            return engine.act_function(network.sizes, network.output == "tanh", weights)
+        except InputError:  # no library here, or a layer wider than it takes
+            return forward_function(network, weights)
 
 
 def forward_function(network: Network, weights: np.ndarray):
-    """The network in NumPy: a function of (inputs,) and noise (A,) or None, float32 -> (A,)."""
+    """The network in NumPy: a function of (inputs,) and noise (A,) or None, float32 -> (A,).
+
+    Args:
+        weights: (W,) of the layers, without log-stds.
+    """
     layers = split_layers(network, weights.astype(np.float32))
     last = len(network.sizes) - 2
 

@@ -312,31 +312,28 @@ def run_episode(
     return total, steps
 
 
-def run_engine(
-    episodes: Episodes,
-    candidates: np.ndarray,
-    seeds: np.ndarray,
-    threads: int = 1,
-    progress: Callable[[int], None] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same from the compiled engine; where a worker has none, from the reference."""
+def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
+    """The same from the compiled engine; where a worker has none, from the reference.
+
+    Args:
+        options: `threads`, `progress` and others of `designrl.engine.rollout`.
+    """
     if engine.missing_reason():
         return run_reference(episodes, candidates, seeds)
     experiment, network = episodes.experiment, episodes.network
     task, reward_factors = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
-    split = network.num_parameters
+    weights, rest = np.split(candidates, [network.num_parameters], axis=1)
     scales = np.ones((len(seeds), experiment.body.design.size))
     if experiment.design:
-        scales = experiment.design.scales(candidates[:, split:])
+        scales = experiment.design.scales(rest)
     return engine.rollout(
         task,
         network.sizes,
-        candidates[:, :split],
+        weights,
         scales,
         reward_factors(scales),
         seeds,
         output_tanh=network.output == "tanh",
         shaped=episodes.shaping is not None,
-        threads=threads,
-        progress=progress,
+        **options,
     )

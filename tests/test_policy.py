@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from designrl import engine
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.network import TanhPolicy
-from designrl.policy import Agent, forward_function, tanh32
+from designrl.policy import Agent, tanh32
 
 
 def random_agent(name, seed=0, network=None, scale=0.5):
@@ -39,19 +38,6 @@ def test_act_sums_inputs_in_order_in_float32():
         expected = tanh32(total + weights[start : start + outputs])
         start += outputs
     np.testing.assert_array_equal(agent.act(x), expected)
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_the_compiled_policy_has_the_bits_of_numpys(name):
-    if reason := engine.missing_reason():
-        pytest.skip(reason)
-    agent = random_agent(name)
-    in_numpy = forward_function(agent.network, agent.parameters[: agent.network.num_parameters])
-    rng = np.random.default_rng(1)
-    for noise in (None, np.float32([0.1] * agent.network.sizes[-1])):
-        for _ in range(50):
-            x = rng.standard_normal(agent.network.sizes[0]).astype(np.float32)
-            np.testing.assert_array_equal(agent._forward(x, noise), in_numpy(x, noise))
 
 
 def test_an_agent_survives_pickling():

@@ -2,9 +2,9 @@
 // sub-step that this takes (b2Distance.cpp, b2TimeOfImpact.cpp, b2World::SolveTOI).
 #pragma once
 
-#include "position_solver.h"
+#include "walker/box2d/position_solver.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 // b2DistanceProxy: the vertices of a shape without its skin.
 struct Hull {
@@ -361,7 +361,7 @@ inline void solve_continuous(World& world) {
         alpha = c.toi;
       } else {
         Body& body = world.bodies[c.body];
-        Terrain& terrain = world.course.pieces[c.terrain];
+        Terrain& terrain = world.terrain[c.terrain];
         if (!body.awake) continue;
         // Put both on the same interval of time.
         float alpha0 = terrain.alpha0;
@@ -390,7 +390,7 @@ inline void solve_continuous(World& world) {
     impact = true;
 
     Body& body = world.bodies[first->body];
-    Terrain& terrain = world.course.pieces[first->terrain];
+    Terrain& terrain = world.terrain[first->terrain];
     const Sweep body_before = body.sweep;
     const float terrain_before = terrain.alpha0;
     body.advance(alpha_first);
@@ -414,7 +414,7 @@ inline void solve_continuous(World& world) {
       Contact& c = world.contact(i);
       if (c.body != first->body || c.in_island) continue;
       if (count == kMaxToiContacts) break;
-      Terrain& other = world.course.pieces[c.terrain];
+      Terrain& other = world.terrain[c.terrain];
       const float before = other.alpha0;
       other.alpha0 = alpha_first;
       world.update_contact(c);
@@ -435,7 +435,7 @@ inline void solve_continuous(World& world) {
   }
   if (!impact) return;
   for (int i = 0; i < world.contact_count; ++i)
-    world.course.pieces[world.contact(i).terrain].alpha0 = 0.0f;
+    world.terrain[world.contact(i).terrain].alpha0 = 0.0f;
 }
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

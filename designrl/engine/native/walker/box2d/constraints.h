@@ -1,10 +1,10 @@
-// What the velocity solver needs to know of one walker, and what it hands back
+// What the velocity solver needs to know of one world, and what it hands back
 // (b2ContactSolver's and b2RevoluteJoint's initialisation, warm starting and stored impulses).
 #pragma once
 
-#include "velocity_solver.h"
+#include "walker/box2d/velocity_solver.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 // Position and velocity of a body while a step is solved (b2Position, b2Velocity).
 struct Motion {
@@ -256,4 +256,4 @@ inline void store_joint(const VelocitySolver& solver, int lane, int index, Joint
   joint.motor_impulse = rows.motor.lane[lane];
 }
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

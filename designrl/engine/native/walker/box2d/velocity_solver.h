@@ -1,20 +1,20 @@
 // The velocity solver: 180 sweeps over joints and contacts (b2RevoluteJoint, b2ContactSolver).
 //
-// Nearly all of a step's time is spent here, so it runs on many walkers at once: every quantity is
-// an array over lanes, one walker per lane, and the loops below compute whole vectors of lanes.
+// Nearly all of a step's time is spent here, so it runs on many worlds at once: every quantity is
+// an array over lanes, one world per lane, and the loops below compute whole vectors of lanes.
 // Each lane performs Box2D's operations in Box2D's order, so its bits do not depend on the vector
 // width nor on what the other lanes hold. Where Box2D branches, both results are computed and the
 // lane's own is selected.
 //
-// Contacts are stored per body, in the order of the island's bodies (see settings.h), which is the
+// Contacts are stored per body, in the order of the island's bodies (see scene.h), which is the
 // order in which Box2D meets them. The terrain has infinite mass and no velocity: its terms are
 // zero and left out. Restitution is zero, and with it the velocity bias.
 #pragma once
 
-#include "simd.h"
-#include "world.h"
+#include "common/lanes.h"
+#include "walker/box2d/world.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 struct JointRows {
   Row rax, ray, rbx, rby;              // m, centres of mass to the anchors
@@ -56,7 +56,7 @@ struct VelocitySolver {
   int32_t contact_count[kBodies][kLanes];
 
   // For the first `lanes` lanes.
-  void solve(int iterations, int lanes);
+  void solve(int lanes);
 
  private:
   // A contact slot of a body in one chunk.
@@ -66,7 +66,7 @@ struct VelocitySolver {
   };
   int find_passes(Pass* passes, int chunks);
   template <int kUsedChunks>
-  void iterate(int iterations, const Pass* passes, int pass_count);
+  void iterate(const Pass* passes, int pass_count);
   template <int kUsedChunks>
   void solve_joint(int joint, bool limits);
   void solve_contact(int body, ContactRows& rows, int c);
@@ -243,27 +243,27 @@ inline int VelocitySolver::find_passes(Pass* passes, int chunks) {
 }
 
 template <int kUsedChunks>
-inline void VelocitySolver::iterate(int iterations, const Pass* passes, int pass_count) {
+inline void VelocitySolver::iterate(const Pass* passes, int pass_count) {
   bool limits[kJoints] = {};
   for (int j = 0; j < kJoints; ++j)
     for (int c = 0; c < kUsedChunks; ++c)
       limits[j] |= any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
-  for (int iteration = 0; iteration < iterations; ++iteration) {
+  for (int iteration = 0; iteration < kVelocityIterations; ++iteration) {
     for (int joint : kIslandJoints) solve_joint<kUsedChunks>(joint, limits[joint]);
     for (int i = 0; i < pass_count; ++i)
       solve_contact(passes[i].body, *passes[i].rows, passes[i].chunk);
   }
 }
 
-inline void VelocitySolver::solve(int iterations, int lanes) {
+inline void VelocitySolver::solve(int lanes) {
   for (int b = 0; b < kBodies; ++b)
     for (int l = lanes; l < kLanes; ++l) contact_count[b][l] = 0;
   Pass passes[kBodies * kChunks * kMaxTouching];
   const int chunks = (lanes + kWidth - 1) / kWidth;
   const int pass_count = find_passes(passes, chunks);
   static_assert(kChunks == 2, "one branch for each number of chunks in use");
-  if (chunks == 1) iterate<1>(iterations, passes, pass_count);
-  else iterate<2>(iterations, passes, pass_count);
+  if (chunks == 1) iterate<1>(passes, pass_count);
+  else iterate<2>(passes, pass_count);
 }
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

@@ -1,11 +1,10 @@
 // Polygons and edges: hull, normals, centroid, mass and boxes (b2PolygonShape, b2EdgeShape).
 #pragma once
 
-#include "math2d.h"
+#include "walker/box2d/math2d.h"
+#include "walker/scene.h"
 
-namespace ENGINE {
-
-constexpr int kMaxVertices = 5;  // the hull's; legs and terrain have four
+namespace ENGINE::walker {
 
 struct Polygon {
   int count;
@@ -136,13 +135,13 @@ struct Terrain {
     const Vec2 skin = {kSkin, kSkin};
     box = {minimum(v1, v2) - skin, maximum(v1, v2) + skin};
   }
-  void set_polygon(const Vec2* points) {
+  void set_rectangle(const Vec2* corners) {
     is_edge = false;
-    polygon.set(points, 4);
+    polygon.set(corners, 4);
     box = polygon.aabb({{0.0f, 0.0f}, {0.0f, 1.0f}});
   }
   int vertex_count() const { return is_edge ? 2 : polygon.count; }
   const Vec2* vertices() const { return is_edge ? &v1 : polygon.vertices; }
 };
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

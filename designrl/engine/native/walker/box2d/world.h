@@ -1,12 +1,11 @@
-// One walker's world: bodies, joints, terrain, tree and contacts (b2World, b2ContactManager).
+// A world: bodies, joints, terrain, tree and contacts (b2World, b2ContactManager).
 #pragma once
 
-#include "body.h"
-#include "narrow_phase.h"
-#include "terrain.h"
-#include "tree.h"
+#include "walker/box2d/body.h"
+#include "walker/box2d/narrow_phase.h"
+#include "walker/box2d/tree.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 // A moving body and a piece of terrain whose fattened boxes overlap (b2Contact).
 struct Contact {
@@ -91,7 +90,8 @@ struct World {
   Body bodies[kBodies];
   SweptPolygon sweeps[kBodies];  // of the step so far
   Joint joints[kJoints];
-  Course course;
+  int terrain_count;
+  Terrain terrain[kMaxTerrain];  // in order of creation
   Tree tree;
 
   // Contacts live in slots; `order` lists them from the oldest to the newest. Box2D walks its
@@ -105,26 +105,39 @@ struct World {
   float inverse_dt_before;  // 1/s; 0 before the first step
   bool overflow;            // a capacity was exceeded: the episode is void
 
-  // What Gymnasium's ContactDetector notes.
-  bool fallen;
-  bool ground_contact[kBodies];
+  ContactListener listener;
 
   Contact& contact(int i) { return contacts[order[i]]; }
 
-  void clear_contacts() {
+  // An empty world; its bodies and joints are placed anew.
+  void clear() {
+    terrain_count = 0;
+    tree.clear();
     contact_count = 0;
     free_count = kMaxContacts;
     for (int i = 0; i < kMaxContacts; ++i) free_slots[i] = int16_t(kMaxContacts - 1 - i);
     moved_count = 0;
-    fallen = overflow = false;
-    for (bool& touching : ground_contact) touching = false;
+    listener = {};
+    overflow = false;
     inverse_dt_before = 0.0f;
+  }
+
+  // Terrain comes before the bodies: see narrow_phase.h.
+  void add_edge(Vec2 a, Vec2 b) {
+    if (!has_room()) return;
+    terrain[terrain_count].set_edge(a, b);
+    add_to_tree(terrain[terrain_count]);
+  }
+  void add_rectangle(const Vec2* corners) {
+    if (!has_room()) return;
+    terrain[terrain_count].set_rectangle(corners);
+    add_to_tree(terrain[terrain_count]);
   }
 
   // b2ContactManager::Destroy.
   void destroy_contact(int i) {
     Contact& c = contact(i);
-    if (c.touching) end_contact(c);
+    if (c.touching) listener.end_contact(c.body);
     if (c.manifold.count > 0) bodies[c.body].wake();
     free_slots[free_count++] = order[i];
     --contact_count;
@@ -138,7 +151,7 @@ struct World {
     Body& body = bodies[c.body];
     c.enabled = true;
     bool was_touching = c.touching;
-    collide(c.manifold, course.pieces[c.terrain], body.shape, body.xf);
+    collide(c.manifold, terrain[c.terrain], body.shape, body.xf);
     c.touching = c.manifold.count > 0;
     for (int i = 0; i < c.manifold.count; ++i) {
       ManifoldPoint& point = c.manifold.points[i];
@@ -152,8 +165,8 @@ struct World {
     }
     if (c.touching == was_touching) return;
     body.wake();
-    if (c.touching) begin_contact(c);
-    else end_contact(c);
+    if (c.touching) listener.begin_contact(c.body);
+    else listener.end_contact(c.body);
   }
 
   // b2ContactManager::Collide.
@@ -161,7 +174,7 @@ struct World {
     for (int i = contact_count - 1; i >= 0; --i) {
       Contact& c = contact(i);
       if (!bodies[c.body].awake) continue;
-      const Aabb& box_a = tree.nodes[course.pieces[c.terrain].proxy].box;
+      const Aabb& box_a = tree.nodes[terrain[c.terrain].proxy].box;
       const Aabb& box_b = tree.nodes[bodies[c.body].proxy].box;
       if (overlap(box_a, box_b)) update_contact(c);
       else destroy_contact(i);
@@ -169,14 +182,14 @@ struct World {
   }
 
   // b2BroadPhase::UpdatePairs with b2ContactManager::AddPair. Box2D also looks for pairs among the
-  // terrain and among the body's own parts, and drops them all: filters and types forbid them.
+  // terrain and among the moving bodies, and drops them all: filters and types forbid them.
   void find_new_contacts() {
     uint64_t pairs[kMaxContacts];
     int count = 0;
     for (int m = 0; m < moved_count; ++m) {
       int body = moved[m];
       tree.query(tree.nodes[bodies[body].proxy].box, [&](int leaf) {
-        if (tree.nodes[leaf].item < kBodies) return;  // a part of the walker
+        if (tree.nodes[leaf].item < kBodies) return;  // a moving body
         if (count == kMaxContacts) {
           overflow = true;
           return;
@@ -212,6 +225,15 @@ struct World {
   }
 
  private:
+  bool has_room() {
+    if (terrain_count == kMaxTerrain) overflow = true;
+    return terrain_count < kMaxTerrain;
+  }
+  void add_to_tree(Terrain& piece) {
+    piece.alpha0 = 0.0f;
+    piece.proxy = tree.create(piece.box, kBodies + terrain_count++);
+  }
+
   void add_contact(int body, int terrain) {
     for (int i = 0; i < contact_count; ++i)
       if (contact(i).body == body && contact(i).terrain == terrain) return;
@@ -229,14 +251,6 @@ struct World {
     c.friction = sqrtf(kTerrainFriction * bodies[body].friction);
     bodies[body].wake();
   }
-
-  // Gymnasium's ContactDetector: a leg's flag is cleared by the end of any of its contacts, even
-  // while another one lasts.
-  void begin_contact(const Contact& c) {
-    if (c.body == kHull) fallen = true;
-    ground_contact[c.body] = true;
-  }
-  void end_contact(const Contact& c) { ground_contact[c.body] = false; }
 };
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

@@ -1,13 +1,12 @@
-// The policy networks (designrl/policy.py, Agent.act): float32, sums over the inputs in order. The
-// walkers' 24-40-40-4 with tanh has its sizes compiled in; one function takes any sizes.
+// The policy networks (designrl/policy.py): float32, sums over the inputs in order. A task's own
+// network has its sizes compiled in; one function takes any sizes, and gives the same bits.
+//
+// Weights are stored layer by layer: the matrix (inputs, outputs) row by row, then the bias.
 #pragma once
 
-#include "math2d.h"
+#include "common/lanes.h"
 
 namespace ENGINE {
-
-constexpr int kWeights =
-    (kObservations + 1) * kHidden + (kHidden + 1) * kHidden + (kHidden + 1) * kActions;
 
 // tanh(x) = x P(x²) / Q(x²) on [-9, 9]; coefficients of falling powers.
 inline float tanh32(float x) {
@@ -26,25 +25,31 @@ inline float tanh32(float x) {
   return minimum(maximum((x * p) / q, -1.0f), 1.0f);
 }
 
-template <int kIn, int kOut>
-inline const float* layer(const float* weights, const float* __restrict in,
-                          float* __restrict out) {
-  float sum[kOut];
-  for (int o = 0; o < kOut; ++o) sum[o] = in[0] * weights[o];
-  for (int i = 1; i < kIn; ++i)
-    for (int o = 0; o < kOut; ++o) sum[o] += in[i] * weights[i * kOut + o];
-  const float* bias = weights + kIn * kOut;
-  for (int o = 0; o < kOut; ++o) out[o] = tanh32(sum[o] + bias[o]);
-  return bias + kOut;
-}
+// A network of these sizes (inputs, each layer's outputs), all with tanh.
+template <int kIn, int kOut, int... kMore>
+struct FixedNetwork {
+  static bool is(const int32_t* sizes, int layers, bool output_tanh) {
+    constexpr int kLayers = 1 + sizeof...(kMore), expected[] = {kIn, kOut, kMore...};
+    bool equal = layers == kLayers && output_tanh;
+    for (int i = 0; equal && i <= kLayers; ++i) equal = sizes[i] == expected[i];
+    return equal;
+  }
 
-// weights: layer by layer the matrix (inputs, outputs) row by row, then the bias.
-inline void act(const float* weights, const float* observation, float* action) {
-  float hidden1[kHidden], hidden2[kHidden];
-  weights = layer<kObservations, kHidden>(weights, observation, hidden1);
-  weights = layer<kHidden, kHidden>(weights, hidden1, hidden2);
-  layer<kHidden, kActions>(weights, hidden2, action);
-}
+  static void act(const float* weights, const float* __restrict in, float* __restrict action) {
+    float sum[kOut];
+    for (int o = 0; o < kOut; ++o) sum[o] = in[0] * weights[o];
+    for (int i = 1; i < kIn; ++i)
+      for (int o = 0; o < kOut; ++o) sum[o] += in[i] * weights[i * kOut + o];
+    const float* bias = weights + kIn * kOut;
+    if constexpr (sizeof...(kMore) == 0) {
+      for (int o = 0; o < kOut; ++o) action[o] = tanh32(sum[o] + bias[o]);
+    } else {
+      float hidden[kOut];
+      for (int o = 0; o < kOut; ++o) hidden[o] = tanh32(sum[o] + bias[o]);
+      FixedNetwork<kOut, kMore...>::act(bias + kOut, hidden, action);
+    }
+  }
+};
 
 constexpr int kWidest = 256;  // values in a layer
 

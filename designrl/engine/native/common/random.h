@@ -1,7 +1,9 @@
 // NumPy's random generator as Gymnasium seeds it: Generator(PCG64(SeedSequence(seed))).
 #pragma once
 
-#include "settings.h"
+#include <cstdint>
+
+#include "common/isa.h"
 
 namespace ENGINE {
 

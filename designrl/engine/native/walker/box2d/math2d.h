@@ -2,13 +2,15 @@
 // Box2D's order: the sums below must not be rearranged.
 #pragma once
 
-#include "settings.h"
+#include <cmath>
 
-namespace ENGINE {
+#include "common/lanes.h"
+#include "walker/box2d/settings.h"
 
-inline float minimum(float a, float b) { return a < b ? a : b; }
-inline float maximum(float a, float b) { return a > b ? a : b; }
-inline float clamp(float a, float low, float high) { return maximum(low, minimum(a, high)); }
+namespace ENGINE::walker {
+
+using ENGINE::maximum, ENGINE::minimum;  // of numbers, beside those of vectors below
+
 inline float absolute(float a) { return a > 0.0f ? a : -a; }
 
 struct Vec2 {
@@ -115,4 +117,4 @@ inline bool overlap(const Aabb& a, const Aabb& b) {
            (a.lower.x - b.upper.x > 0.0f) | (a.lower.y - b.upper.y > 0.0f));
 }
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

@@ -4,9 +4,9 @@
 // the terrain is created first. The terrain's transform is the identity, so it is left out.
 #pragma once
 
-#include "shapes.h"
+#include "walker/box2d/shapes.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 // What two points of contact have in common from step to step: the features that met.
 struct FeatureId {
@@ -260,4 +260,4 @@ inline void collide(Manifold& manifold, const Terrain& terrain, const Polygon& p
   else collide_polygons(manifold, terrain.polygon, polygon, xf);
 }
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

@@ -1,10 +1,11 @@
 // The ten LIDAR rays (b2DynamicTree::RayCast, b2EdgeShape::RayCast, b2PolygonShape::RayCast).
 #pragma once
 
-#include "simd.h"
-#include "world.h"
+#include "common/lanes.h"
+#include "walker/box2d/world.h"
+#include "walker/constants.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 struct Ray {
   Vec2 p1, p2;         // from and to, m
@@ -100,7 +101,7 @@ class RayFan {
         continue;
       }
       if (rays && node.item >= kBodies) {
-        const Terrain& terrain = world.course.pieces[node.item - kBodies];
+        const Terrain& terrain = world.terrain[node.item - kBodies];
         for (; rays; rays &= rays - 1) {
           const int i = __builtin_ctz(rays);
           const float fraction =
@@ -168,4 +169,4 @@ class RayFan {
   }
 };
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

@@ -1,50 +1,25 @@
-// The random terrain (BipedalWalker._generate_terrain and _generate_clouds of Gymnasium).
+// The random course (BipedalWalker._generate_terrain and _generate_clouds of Gymnasium).
 #pragma once
 
-#include "random.h"
-#include "shapes.h"
+#include "common/random.h"
+#include "walker/box2d/world.h"
+#include "walker/constants.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
-// The terrain's fixtures in order of creation: obstacles as the course is drawn, then the edges.
+// Corners (x1, y1), (x2, y1), (x2, y2), (x1, y2), in this order.
+inline void add_obstacle(World& world, double x1, double y1, double x2, double y2) {
+  const Vec2 corners[4] = {{float(x1), float(y1)},
+                           {float(x2), float(y1)},
+                           {float(x2), float(y2)},
+                           {float(x1), float(y2)}};
+  world.add_rectangle(corners);
+}
+
+// Adds a random course to a world without terrain: obstacles as they are drawn, then the ground.
 // Coordinates are computed in float64, as Python does, and rounded to float32 by Box2D.
-struct Course {
-  int count = 0;
-  bool overflow = false;
-  Terrain pieces[kMaxStatics];
-
-  void generate(Generator& random, bool hardcore);
-  // The force that pushes the hull at the start, N; drawn after the clouds, which only use it up.
-  static double start_force(Generator& random) {
-    const int clouds = kTerrainLength / 20, draws_per_cloud = 1 + 2 * 5;
-    for (int i = 0; i < clouds * draws_per_cloud; ++i) random.random();
-    return random.uniform(-kInitialForce, kInitialForce);
-  }
-
- private:
-  Terrain* add() {
-    if (count == kMaxStatics) {
-      overflow = true;
-      return &pieces[count - 1];
-    }
-    Terrain* piece = &pieces[count++];
-    piece->alpha0 = 0.0f;
-    return piece;
-  }
-  // Corners (x1, y1), (x2, y1), (x2, y2), (x1, y2), in this order.
-  void add_rectangle(double x1, double y1, double x2, double y2) {
-    Vec2 corners[4] = {{float(x1), float(y1)},
-                       {float(x2), float(y1)},
-                       {float(x2), float(y2)},
-                       {float(x1), float(y2)}};
-    add()->set_polygon(corners);
-  }
-};
-
-inline void Course::generate(Generator& random, bool hardcore) {
+inline void add_course(World& world, Generator& random, bool hardcore) {
   enum { kGrass, kStump, kStairs, kPit, kStates };
-  count = 0;
-  overflow = false;
   double xs[kTerrainLength], ys[kTerrainLength];
   int64_t state = kGrass, counter = kTerrainStartPad;
   bool first = false;  // the first terrain step of a new state
@@ -64,8 +39,8 @@ inline void Course::generate(Generator& random, bool hardcore) {
     } else if (state == kPit && first) {
       counter = random.integers(3, 5);
       double bottom = y - 4 * step;
-      add_rectangle(x, y, x + step, bottom);
-      add_rectangle(x + step * counter, y, x + step + step * counter, bottom);
+      add_obstacle(world, x, y, x + step, bottom);
+      add_obstacle(world, x + step * counter, y, x + step + step * counter, bottom);
       counter += 2;
       original_y = y;
     } else if (state == kPit) {
@@ -73,15 +48,15 @@ inline void Course::generate(Generator& random, bool hardcore) {
       if (counter > 1) y -= 4 * step;
     } else if (state == kStump && first) {
       counter = random.integers(1, 3);
-      add_rectangle(x, y, x + counter * step, y + counter * step);
+      add_obstacle(world, x, y, x + counter * step, y + counter * step);
     } else if (state == kStairs && first) {
       stair_height = random.random() > 0.5 ? 1 : -1;
       stair_width = random.integers(4, 5);
       stair_steps = random.integers(3, 5);
       original_y = y;
       for (int64_t s = 0; s < stair_steps; ++s)
-        add_rectangle(x + (s * stair_width) * step, y + (s * stair_height) * step,
-                      x + ((1 + s) * stair_width) * step, y + (-1 + s * stair_height) * step);
+        add_obstacle(world, x + (s * stair_width) * step, y + (s * stair_height) * step,
+                     x + ((1 + s) * stair_width) * step, y + (-1 + s * stair_height) * step);
       counter = stair_steps * stair_width;
     } else if (state == kStairs) {
       int64_t s = stair_steps * stair_width - counter - stair_height;
@@ -97,7 +72,14 @@ inline void Course::generate(Generator& random, bool hardcore) {
     }
   }
   for (int i = 0; i + 1 < kTerrainLength; ++i)
-    add()->set_edge({float(xs[i]), float(ys[i])}, {float(xs[i + 1]), float(ys[i + 1])});
+    world.add_edge({float(xs[i]), float(ys[i])}, {float(xs[i + 1]), float(ys[i + 1])});
 }
 
-}  // namespace ENGINE
+// The force that pushes the hull at the start, N; drawn after the clouds, which only use it up.
+inline double start_force(Generator& random) {
+  const int clouds = kTerrainLength / 20, draws_per_cloud = 1 + 2 * 5;
+  for (int i = 0; i < clouds * draws_per_cloud; ++i) random.random();
+  return random.uniform(-kInitialForce, kInitialForce);
+}
+
+}  // namespace ENGINE::walker

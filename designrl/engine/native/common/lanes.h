@@ -5,7 +5,9 @@
 
 #include <immintrin.h>
 
-#include "math2d.h"
+#include <cstdint>
+
+#include "common/isa.h"
 
 namespace ENGINE {
 
@@ -15,7 +17,7 @@ constexpr int kWidth = ENGINE_VECTOR_BYTES / 4;  // lanes in a vector
 constexpr int kChunks = 2;                       // independent vectors that hide latencies
 constexpr int kLanes = kWidth * kChunks;
 
-// minimum(a, b) is a < b ? a : b, as in math2d.h, also where both are equal.
+// minimum(a, b) is a < b ? a : b, as for single numbers below, also where both are equal.
 #if ENGINE_VECTOR_BYTES == 64
 typedef __mmask16 Mask;
 inline Vector minimum(Vector a, Vector b) { return (Vector)_mm512_min_ps((__m512)a, (__m512)b); }
@@ -65,7 +67,10 @@ constexpr uint32_t kAllLanes = (1u << kWidth) - 1;
 inline bool any(Mask m) { return lane_bits(m) != 0; }
 inline Vector clamp(Vector a, Vector low, Vector high) { return maximum(low, minimum(a, high)); }
 
-// The same for a single lane, so that a kernel can be written once for both.
+// The same for a single number, so that a kernel can be written once for both.
+inline float minimum(float a, float b) { return a < b ? a : b; }
+inline float maximum(float a, float b) { return a > b ? a : b; }
+inline float clamp(float a, float low, float high) { return maximum(low, minimum(a, high)); }
 inline bool less(float a, float b) { return a < b; }
 inline bool at_least(float a, float b) { return a >= b; }
 inline bool both(bool a, bool b) { return a & b; }

@@ -1,9 +1,9 @@
-// The five moving bodies and the four joints: state and mass (b2Body, b2RevoluteJoint).
+// A moving body and a joint: state and mass (b2Body, b2RevoluteJoint).
 #pragma once
 
-#include "shapes.h"
+#include "walker/box2d/shapes.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 struct Body {
   Polygon shape;
@@ -96,4 +96,4 @@ struct Joint {
   }
 };
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

@@ -2,9 +2,9 @@
 // (SolvePositionConstraints of b2ContactSolver and b2RevoluteJoint).
 #pragma once
 
-#include "constraints.h"
+#include "walker/box2d/constraints.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 // Cuts iterations short without changing their result. An iteration is a function of the state
 // alone, so once a state comes back, the rest of the iterations goes round in the same cycle (often
@@ -140,4 +140,4 @@ inline void integrate(Motion& motion, float dt) {
   motion.turn_to(motion.a + dt * motion.w);
 }
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker

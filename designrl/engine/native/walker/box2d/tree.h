@@ -2,9 +2,10 @@
 // nodes, decides the order in which contacts are made and which fixture a v2 ray meets first.
 #pragma once
 
-#include "math2d.h"
+#include "walker/box2d/math2d.h"
+#include "walker/scene.h"
 
-namespace ENGINE {
+namespace ENGINE::walker {
 
 constexpr int kNone = -1;
 
@@ -200,4 +201,4 @@ struct Tree {
   }
 };
 
-}  // namespace ENGINE
+}  // namespace ENGINE::walker
