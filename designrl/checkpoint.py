@@ -179,14 +179,13 @@ def _read_published(path: Path) -> tuple[np.ndarray, float]:
         ) from None
 
 
-def _describe_state(path: Path, tensors: dict[str, np.ndarray], metadata: dict) -> str:
+def _describe_state(path: Path, metadata: dict) -> str:
     progress = metadata.get("progress", {})
     lines = [
         f"{path}: state of a training run of {metadata.get('experiment')}; "
         "`designrl train ... --resume` goes on with it",
-        f"generations  {tensors.get('generation')}",
-        *(f"{key:12} {value}" for key, value in progress.items()),
-        f"settings     {metadata.get('settings')}",
+        *(f"{key:15}  {value}" for key, value in progress.items()),
+        f"{'settings':15}  {metadata.get('settings')}",
     ]
     return "\n".join(lines)
 
@@ -202,7 +201,7 @@ def describe(path: str | Path) -> str:
         parameters, score = _read_published(path)
         return f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
     with contextlib.suppress(InputError):  # if it is no state, `load` says what is wrong
-        return _describe_state(path, *read_tensors(path, STATE_FORMAT))
+        return _describe_state(path, read_tensors(path, STATE_FORMAT)[1])
     agent = load(path)
     m = agent.metadata
     lines = [

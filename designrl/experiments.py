@@ -118,7 +118,7 @@ ANT_NETWORK = Network((29, 64, 32, 8), time_scale=1000.0, noise=True)
 PUBLISHED_ANT_NETWORK = Network((29, 140, 40, 8), "linear", time_scale=1000.0, noise=True)
 
 # What all our runs have in common: fewer episodes a generation than the paper's 192 × 16, a
-# learning rate that falls, and the distribution's mean as the agent (docs/fidelity.md says why).
+# learning rate that falls, and the distribution's mean as the agent (docs/studies.md says why).
 _ZOO = {
     "learning_rate_decay": 0.9995,
     "learning_rate_floor": 0.002,

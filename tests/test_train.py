@@ -194,7 +194,7 @@ def test_info_describes_a_state(undisturbed):
 
     text = describe(undisturbed / "state.safetensors")
     assert "biped-morphology" in text
-    assert "generation   5" in text
+    assert "generation       5\n" in text
 
 
 def test_a_damaged_state_is_named_and_left_alone(tmp_path):

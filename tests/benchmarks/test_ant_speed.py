@@ -18,10 +18,9 @@ import pytest
 from designrl.simulation import run_episode
 
 import designrl  # noqa: F401
-from designrl.engine import act_function
 from designrl.envs.ant import Ant
 from designrl.experiments import get_experiment
-from designrl.policy import Agent
+from designrl.policy import Agent, forward_function
 
 STEPS = 1000
 ROUNDS = 9
@@ -110,10 +109,9 @@ def test_ant_with_policy(benchmark, episode, policy):
     experiment = get_experiment("ant")
     parameters = 0.1 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
     agent = StandingAgent(experiment, parameters)
-    if policy == "compiled":
-        network = experiment.network
-        count = network.num_parameters - network.sizes[-1]  # without the noise's
-        agent._forward = act_function(network.sizes, True, parameters[:count])
+    if policy == "NumPy":
+        count = experiment.network.num_parameters - experiment.network.sizes[-1]  # no log-stds
+        agent._forward = forward_function(experiment.network, parameters[:count])
     env = gymnasium.make(experiment.env_id, disable_env_checker=True)
 
     def whole_episode(env, agent):
