@@ -57,8 +57,8 @@ class DesignSpace:
             raise InputError(f"a design must be {self.size} numbers; {allowed}") from None
         if array.shape != (self.size,):
             raise InputError(
-                f"a design for this body has {self.size} scales ({self.names[0]}, "
-                f"{self.names[1]}, ...), got an array of shape {array.shape}; {allowed}"
+                f"a design for this body has {self.size} scales ({self.names[0]}, ...), "
+                f"got an array of shape {array.shape}; {allowed}"
             )
         wrong = ~((array >= SCALE_MIN) & (array <= SCALE_MAX))  # also true for NaN
         if wrong.any():

@@ -155,13 +155,11 @@ def damage_safetensors(data: bytes, rng: random.Random) -> bytes:
 
 
 def damage_json(data: bytes, rng: random.Random) -> bytes:
-    """Odd texts in the place of numbers and brackets."""
-    text = data.decode()
-    for _ in range(rng.choice([1, 1, 3])):
-        place = rng.choice([0, 1, 2, rng.randrange(len(text)), text.rindex(",") + 1, len(text)])
-        text = text[:place] + rng.choice(ODD_TEXTS) + text[place + rng.choice([0, 1, 6]) :]
-        text = text if "," in text else text + ","
-    return text.encode()
+    """Odd texts in the place of numbers and brackets, or odd values."""
+    if rng.random() < 0.3:
+        return json.dumps(damage_tree(json.loads(data), rng)).encode()
+    place = rng.choice([0, 1, 2, rng.randrange(len(data)), data.rindex(b",") + 1, len(data)])
+    return data[:place] + rng.choice(ODD_TEXTS).encode() + data[place + rng.choice([0, 1, 6]) :]
 
 
 def damage_mcap(data: bytes, rng: random.Random) -> bytes:

@@ -77,6 +77,12 @@ def write_run(path, indices, **kwargs):
                 writer.flush()  # as time would have it
 
 
+def count_by_others(path) -> int:
+    """How many messages the index of a file says it has, to a reader that is not ours."""
+    with path.open("rb") as file:
+        return make_reader(file).get_summary().statistics.message_count
+
+
 def random_agent(name: str) -> Agent:
     experiment = EXPERIMENTS[name]
     parameters = np.random.default_rng(1).normal(size=experiment.num_parameters) * 0.3
@@ -205,8 +211,7 @@ def test_a_file_is_whole_before_it_is_closed(tmp_path):
     for index in range(5):
         writer.generation(**generation(index))
         writer.flush()
-        with path.open("rb") as file:
-            assert make_reader(file).get_summary().statistics.message_count == 4 * (index + 1)
+        assert count_by_others(path) == 4 * (index + 1)
         recording = read(path)
         assert recording.problem is None and not recording.complete
         assert recording.generations[-1] == index
@@ -268,8 +273,7 @@ def test_an_interrupt_waits_until_the_record_is_whole(number, tmp_path, monkeypa
     signal.signal(number, before)
     recording = read(path)
     assert recording.complete and recording.generations.tolist() == [0, 1, 2, 3]
-    with path.open("rb") as file:
-        assert make_reader(file).get_summary().statistics.message_count == 16
+    assert count_by_others(path) == 16
 
 
 @pytest.mark.parametrize("kind", ["run", "rollout"])
@@ -312,17 +316,25 @@ def test_a_chunk_that_lies_about_its_size_takes_no_memory(compression, monkeypat
         scan._decompress(chunk)
 
 
+def write_others(path, topics, metadata=None, with_schema=True, **options) -> None:
+    """A recording of another program with three messages per topic."""
+    writer = Writer(str(path), **options)
+    writer.start()
+    if metadata:
+        writer.add_metadata("run", metadata)
+    schema = writer.register_schema("other.Thing", "jsonschema", b"{}") if with_schema else 0
+    for topic in topics:
+        channel = writer.register_channel(topic, "json", schema)
+        for time_ in range(3):
+            writer.add_message(channel, time_, b"{}", time_)
+    writer.finish()
+
+
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("use_chunking", [True, False])
 def test_files_of_other_writers_are_described(compression, use_chunking, tmp_path):
     path = tmp_path / "other.mcap"
-    writer = Writer(str(path), compression=compression, use_chunking=use_chunking)
-    writer.start()
-    schema = writer.register_schema("other.Thing", "jsonschema", b"{}")
-    channel = writer.register_channel("/thing", "json", schema)
-    for i in range(3):
-        writer.add_message(channel, i, b"{}", i)
-    writer.finish()
+    write_others(path, ["/thing"], compression=compression, use_chunking=use_chunking)
     assert "MCAP file of another program" in describe(path)
     assert read(path).topics == {"/thing": 3}
     with pytest.raises(RecordingError, match="unknown type 'other.Thing'"):
@@ -331,13 +343,7 @@ def test_files_of_other_writers_are_described(compression, use_chunking, tmp_pat
 
 def test_topics_and_metadata_of_our_names_do_not_make_a_file_ours(tmp_path):
     path = tmp_path / "other.mcap"
-    writer = Writer(str(path))
-    writer.start()
-    writer.add_metadata("run", {"robot": "other"})
-    schema = writer.register_schema("other.Thing", "jsonschema", b"{}")
-    for topic in ("/summary", "/tf", "/evaluation", "/reward"):
-        writer.add_message(writer.register_channel(topic, "json", schema), 0, b"{}", 0)
-    writer.finish()
+    write_others(path, ["/summary", "/tf", "/evaluation", "/reward"], {"robot": "other"})
     recording = read(path)
     assert recording.kind == "unknown" and recording.metadata == {} and recording.complete
     assert len(recording.generations) == 0
@@ -347,12 +353,8 @@ def test_topics_and_metadata_of_our_names_do_not_make_a_file_ours(tmp_path):
 
 def test_messages_without_a_schema_are_counted(tmp_path):
     path = tmp_path / "other.mcap"
-    writer = Writer(str(path))
-    writer.start()
-    channel = writer.register_channel("/thing", "json", 0)
-    writer.add_message(channel, 0, b"{}", 0)
-    writer.finish()
-    assert read(path).topics == {"/thing": 1} and "/thing" in describe(path)
+    write_others(path, ["/thing"], with_schema=False)
+    assert read(path).topics == {"/thing": 3} and "/thing: 3" in describe(path)
     with pytest.raises(RecordingError, match="no field 'x'"):
         read(path).array("/thing", "x")
 
@@ -451,8 +453,7 @@ def test_a_full_disk_is_one_sentence_and_costs_no_generation(tmp_path, monkeypat
     assert done >= 3
     recording = read(path)
     assert recording.problem is None and recording.generations[-1] == done
-    with path.open("rb") as file:
-        assert make_reader(file).get_summary().statistics.message_count == 4 * (done + 1)
+    assert count_by_others(path) == 4 * (done + 1)
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
@@ -469,23 +470,17 @@ def test_thinning_drops_generations_and_rounds_nothing(run, tmp_path):
     whole, thinned = read(run), read(tmp_path / "thin.mcap")
     kept = [0, 5, 10, 11]
     assert thinned.array("/distribution", "generation").tolist() == kept
-    for field in ("mu", "sigma"):
-        assert np.array_equal(
-            thinned.array("/distribution", field), whole.array("/distribution", field)[kept]
-        )
-    assert np.array_equal(
-        thinned.array("/returns", "returns"), whole.array("/returns", "returns")[kept]
-    )
-    assert np.array_equal(thinned.array("/summary", "mean"), whole.array("/summary", "mean"))
-    assert np.array_equal(
-        thinned.array("/evaluation", "scores"), whole.array("/evaluation", "scores")
-    )
+    for topic, field, rows in (
+        ("/distribution", "mu", kept),
+        ("/distribution", "sigma", kept),
+        ("/returns", "returns", kept),
+        ("/summary", "mean", slice(None)),
+        ("/evaluation", "scores", slice(None)),
+    ):
+        assert np.array_equal(thinned.array(topic, field), whole.array(topic, field)[rows])
     record = dict(thinned.metadata_records)["thinned"]
-    assert (record["every"], record["kept_generations"], record["of_generations"]) == (
-        "5",
-        "4",
-        "12",
-    )
+    found = [record[key] for key in ("every", "kept_generations", "of_generations")]
+    assert found == ["5", "4", "12"]
     assert thinned.complete and "thinned" in describe(tmp_path / "thin.mcap")
     assert thinned.metadata == whole.metadata
 

@@ -1,9 +1,11 @@
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.box2d import bipedal_walker
 from test_envs import trajectory
 
 import designrl  # noqa: F401
+from designrl import bodies
 from designrl.bodies.walker import WALKER, leg_area_reward_factor
 from designrl.errors import InputError
 
@@ -34,6 +36,12 @@ def test_v3_lidar_sees_the_closest_ground_and_v2_sometimes_a_farther_one():
     v2, v3 = rays
     assert (v2 >= v3).all()
     assert 0 < (v2 != v3).mean() < 0.5
+
+
+def test_what_is_known_of_the_body_is_gymnasiums():
+    assert WALKER.time_step == 1 / bipedal_walker.FPS
+    assert bodies.walker.SCALE == bipedal_walker.SCALE
+    assert list(bodies.walker.HULL) == bipedal_walker.HULL_POLY
 
 
 def test_gymnasiums_own_walker_is_left_as_it_was():

@@ -11,7 +11,6 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from mcap.writer import Writer
@@ -124,37 +123,34 @@ class McapFile:
             unit: of their values, where it is not always the same.
         """
 
-        def define():
+        if topic not in self._channels:
             kind = type(message)
             definition = build_file_descriptor_set(kind).SerializeToString()
             about = {"names": json.dumps(list(names))} if names else {}
             about |= {"unit": unit} if unit else {}
-            return kind.DESCRIPTOR.full_name, "protobuf", definition, about
+            self.add_channel(topic, kind.DESCRIPTOR.full_name, "protobuf", definition, about)
+        self.message(topic, log_time, sequence, message.SerializeToString())
 
-        channel = self.channel(topic, define)
-        self.message(channel, log_time, sequence, message.SerializeToString())
-
-    def channel(
-        self, topic: str, define: Callable[[], tuple[str, str, bytes, dict[str, str]]]
-    ) -> int:
-        """The id of a topic's channel.
+    def add_channel(
+        self, topic: str, name: str, encoding: str, definition: bytes, about: dict[str, str]
+    ) -> None:
+        """Declare a topic; a second time does nothing.
 
         Args:
-            define: gives name, encoding and definition of its messages and the channel's metadata;
-                called the first time only.
+            name, encoding, definition: of the schema of its messages.
+            about: its metadata.
         """
-        if topic not in self._channels:
-            name, encoding, definition, about = define()
-            if name not in self._schemas:
-                self._schemas[name] = self._writer.register_schema(name, encoding, definition)
-            self._channels[topic] = self._writer.register_channel(
-                topic, "cdr" if encoding == "ros2msg" else encoding, self._schemas[name], about
-            )
-        return self._channels[topic]
+        if topic in self._channels:
+            return
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, encoding, definition)
+        self._channels[topic] = self._writer.register_channel(
+            topic, "cdr" if encoding == "ros2msg" else encoding, self._schemas[name], about
+        )
 
-    def message(self, channel: int, log_time: int, sequence: int, data: bytes) -> None:
-        """Add a message; log_time in ns."""
-        self._writer.add_message(channel, log_time, data, log_time, sequence)
+    def message(self, topic: str, log_time: int, sequence: int, data: bytes) -> None:
+        """Add a message on a declared topic; log_time in ns."""
+        self._writer.add_message(self._channels[topic], log_time, data, log_time, sequence)
         self.last_log_time = max(log_time, self.last_log_time)
 
     def seal_if_due(self) -> None:

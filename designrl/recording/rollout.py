@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
@@ -43,12 +44,11 @@ class RolloutWriter:
         self._step, self._total, self._shown_at = 0, 0.0, None
         self._file = McapFile(path)
         self._file.metadata(ROLLOUT, metadata)  # first, so that a file that was cut has it
+        robot = "/robot_description"
+        self._file.add_channel(robot, "std_msgs/msg/String", "ros2msg", b"string data\n", {})
         description = self._body.urdf(self._env.design, _caption(metadata))
-        string = ("std_msgs/msg/String", "ros2msg", b"string data\n", {})
-        channel = self._file.channel("/robot_description", lambda: string)
-        self._file.message(channel, 0, 0, _cdr_string(description))
-        terrain = self._body.terrain(self._env)
-        if terrain is not None:
+        self._file.message(robot, 0, 0, _cdr_string(description))
+        if (terrain := self._body.terrain(self._env)) is not None:
             profile, obstacles = terrain
             message = schema.Terrain(x=profile[:, 0].tolist(), z=profile[:, 1].tolist())
             for x0, x1, z0, z1 in obstacles.tolist():
@@ -180,8 +180,6 @@ def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = N
     """
     if seed < 0:
         raise InputError(f"the seed is {seed}; choose one from 0 up")
-    import gymnasium
-
     env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
     design = agent.experiment.body.design
     about = {

@@ -230,18 +230,13 @@ def _copy(target: McapFile, source: Path, keep) -> set[str]:
     for name, values in found.metadata:
         if name != END:
             target.metadata(name, values)
-    ids = {}
     for channel in found.channels.values():
         old = found.schema(channel)
-        ids[channel.id] = target.channel(
-            channel.topic,
-            lambda old=old, about=channel.metadata: (old.name, old.encoding, old.data, about),
-        )
-    for message in messages(found, set(ids)):
-        if keep(found.channels[message.channel_id].topic, message.sequence):
-            target.message(
-                ids[message.channel_id], message.log_time, message.sequence, message.data
-            )
+        target.add_channel(channel.topic, old.name, old.encoding, old.data, channel.metadata)
+    for message in messages(found, set(found.channels)):
+        topic = found.channels[message.channel_id].topic
+        if keep(topic, message.sequence):
+            target.message(topic, message.log_time, message.sequence, message.data)
             target.seal_if_due()
     return {name for name, _ in found.metadata}
 

@@ -65,15 +65,19 @@ def blueprint(recordings: list[Recording], names: list[str]) -> rrb.Blueprint:
 def rollout_layout(recording: Recording, title: str) -> rrb.Container:
     """The body from its side, and below it what it gets, does and feels."""
     name = entity(title)
+    plots = [
+        _plot(about, f"{name}{topic}", seconds=PLOT_SECONDS)
+        for topic, about in (
+            ("/reward", "reward terms, points per step"),
+            ("/action", "actions"),
+            ("/joints", "joint angles, rad"),
+        )
+        if recording.topics.get(topic)
+    ]
     eye = body_of(recording).rollout_eye
     return rrb.Vertical(
         _scene("body", f"{name}/world/follow", f"{name}/world/**", eye),
-        rrb.Horizontal(
-            _plot("score", f"{name}/score"),
-            _plot("reward terms, points per step", f"{name}/reward", seconds=PLOT_SECONDS),
-            _plot("actions", f"{name}/action", seconds=PLOT_SECONDS),
-            _plot("joint angles, rad", f"{name}/joints", seconds=PLOT_SECONDS),
-        ),
+        rrb.Horizontal(_plot("score", f"{name}/score"), *plots),
         row_shares=[2, 1],
         name=title,
     )
@@ -89,16 +93,16 @@ def run_layout(recording: Recording, title: str) -> rrb.Container:
     )
     if not recording.topics.get("/design"):
         return rrb.Vertical(learning, name=title)
-    shown, unit = body_of(recording), recording.unit("/design")
+    body, unit = body_of(recording), recording.unit("/design")
     plots = [
-        _plot(f"{limb}, {unit} ± sigma", f"{name}/design/{entity(limb)}") for limb in shown.limbs
+        _plot(f"{limb}, {unit} ± sigma", f"{name}/design/{entity(limb)}") for limb in body.limbs
     ]
     figure = f"{name}/figure"
-    title_of_body = "body at the mean design; gray: original"
-    body = _scene(title_of_body, figure, f"{figure}/**", shown.design_eye)
+    title_of_view = "body at the mean design; gray: original"
+    view = _scene(title_of_view, figure, f"{figure}/**", body.design_eye)
     return rrb.Horizontal(
         learning,
-        rrb.Vertical(body, rrb.Grid(*plots, grid_columns=2), row_shares=[1, 1]),
+        rrb.Vertical(view, rrb.Grid(*plots, grid_columns=min(2, len(plots))), row_shares=[1, 1]),
         name=title,
     )
 
