@@ -309,8 +309,8 @@ def test_figure_without_a_checkpoint_shows_the_papers_design(project):
 
 def test_learning_curve_is_the_recordings(project):
     folder = project / "logs" / "biped" / "seed0"
-    settings = TrainSettings(
-        "biped", generations=4, population=4, rollouts=((0, 1),), evaluate_every=2
+    settings = TrainSettings.of(
+        "biped", generations=4, population=4, rollouts=1, evaluate_every=2
     )
     TrainingRun(settings, folder).run()
     c = figure5.curve(read(folder / "generations.mcap"))
@@ -327,7 +327,7 @@ def test_learning_curve_is_the_recordings(project):
 def published(project):
     """A run's folder and the checkpoint that was published from it."""
     run = project / "runs" / "biped" / "seed0"
-    settings = TrainSettings(
+    settings = TrainSettings.of(
         "biped", generations=5, population=4, rollouts=((0, 1), (5, 2)), evaluate_every=2
     )
     TrainingRun(settings, run).run()
