@@ -29,7 +29,7 @@ def sources_hash() -> str:
     files += [path for folder in files if folder.is_dir() for path in folder.rglob("*")]
     digest = hashlib.sha256()
     for path in sorted(files):
-        if path.suffix in (".py", ".cpp", ".h"):
+        if path.suffix in (".py", ".cpp", ".h") and path.is_file():
             digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
 
