@@ -1,24 +1,25 @@
 """Figure 2: Gym's loop of agent and environment, and the paper's altered one.
 
-Reads nothing. Writes paper/figures/figure2.svg, .pdf and .png.
+Reads nothing.
 
     make reproduce-figure2
 """
-
-from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
-from reproduce import build, drawing
+from reproduce import drawing
 
+CAPTIONS = {
+    "figure2": (
+        "Figure 2",
+        "Left, Gym's loop. Right, the paper's: the agent's parameters also set the body, once "
+        "before a rollout, and the reward may depend on it.",
+    )
+}
+READS = ()
 BOX = 0.48, 0.17  # width and height, of a panel
-
-
-def reads() -> list[Path]:
-    """The files that the figure depends on."""
-    return []
 
 
 def box(axes: Axes, x: float, y: float, text: str, colour: str) -> None:
@@ -78,16 +79,12 @@ def loop(axes: Axes, altered: bool) -> None:
     axes.set_axis_off()
 
 
-def main() -> list[Path]:
-    """Draw the figure; returns its files."""
+def figures() -> dict[str, Figure]:
+    """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 2.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     loop(left, altered=False)
     left.set_title("Gym's loop of one rollout")
     loop(right, altered=True)
     right.set_title("The altered loop: the agent brings its body")
-    return drawing.save(figure, "figure2")
-
-
-if __name__ == "__main__":
-    build.command("figure2")
+    return {"figure2": figure}
