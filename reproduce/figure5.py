@@ -51,7 +51,12 @@ EXPERIMENTS_OF = {
 LABELS = {"biped-hardcore": "Original body", "biped-hardcore-morphology": "Learned body"}
 COLOURS = (drawing.ORIGINAL, drawing.LEARNED)
 PAPER_CORES = 96
-AXES = ("generation", "environment steps (millions)", "core-hours")
+STEPS = "environment steps (millions)"
+AXES = ("generation", STEPS, "core-hours")
+RETURNS = (
+    "population's return\n(points, mean ± 2 sd)",
+    "evaluated agent's score\n(points; line: best so far)",
+)
 
 
 def reads() -> list[Path]:
@@ -95,7 +100,7 @@ def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colou
 def mark_paper(axes: Axes, axis: str, experiment: str, label: str, colour: str) -> None:
     """When the paper's run had solved the task, where it says so."""
     solved = scores.paper()["text"].get(experiment, {})
-    if axis == "environment steps (millions)" or "hours" not in solved:
+    if axis == STEPS or "hours" not in solved:
         return
     at = solved["generations"]
     if axis == "core-hours":
@@ -128,8 +133,8 @@ def curves(experiments: tuple[str, ...]) -> Figure:
         below.set_xlabel(axis)
         if below.get_xscale() == "linear":
             below.set_xlim(left=0)
-    panels[0, 0].set_ylabel("population's return\n(points, mean ± 2 sd)")
-    panels[1, 0].set_ylabel("evaluated agent's score\n(points; line: best so far)")
+    for axes, label in zip(panels[:, 0], RETURNS, strict=True):
+        axes.set_ylabel(label)
     handles, texts = panels[1, 0].get_legend_handles_labels()
     if handles:
         columns = 2 if max(map(len, texts)) < 50 else 1

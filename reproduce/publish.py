@@ -22,7 +22,7 @@ from designrl.files import write_atomically
 from designrl.policy import Agent
 from designrl.recording import Recording, read, thin
 from designrl.settings import TrainSettings
-from reproduce import drawing, scores
+from reproduce import drawing, figure5, scores
 from reproduce.runs import Run, read_run, recording_of
 from reproduce.scores import Score
 
@@ -87,25 +87,18 @@ def halfway(rollouts: list[Path], recording: Recording) -> Path:
 
 def learning_curve(run: Run, agent: Agent) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
-    figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
-    axes = figure.subplots()
-    steps, name = run.steps / 1e6, agent.experiment.name
-    low, high = run.mean - 2 * run.sd, run.mean + 2 * run.sd
-    axes.fill_between(steps, low, high, color=drawing.ORIGINAL, alpha=0.2, linewidth=0)
-    label = "population's mean ± 2 sd, training's rewards"
-    axes.plot(steps, run.mean, color=drawing.ORIGINAL, linewidth=0.8, label=label)
-    label = f"evaluated agent ({run.episodes} episodes)"
-    if scores.rewards_small_legs(name):
-        label += ", with the smaller-leg factor"
-    else:  # the paper's number is without that factor
+    figure = Figure(figsize=(drawing.WIDTH, 2.3), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    figure5.draw(left, right, figure5.STEPS, [run], "this run", drawing.ORIGINAL)
+    name = agent.experiment.name
+    if not scores.rewards_small_legs(name):  # the paper's number is without that factor
         mean, _ = scores.paper()["table3"][name]
-        line = {"color": drawing.GREY, "linestyle": "--", "linewidth": 0.8}
-        axes.axhline(mean, label=f"paper's (for dots): {mean}", **line)
-    axes.plot(steps[run.tested], run.scores, ".", color=drawing.LEARNED, markersize=3, label=label)
-    axes.margins(x=0.02)
-    axes.set_xlabel("environment steps (millions)")
-    axes.set_ylabel("return (points)")
-    figure.legend(loc="outside upper left", ncols=3, fontsize=6, columnspacing=1, handlelength=1.5)
+        right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
+    for axes, label in zip((left, right), figure5.RETURNS, strict=True):
+        axes.set_xlabel(figure5.STEPS)
+        axes.set_ylabel(label)
+    handles, texts = right.get_legend_handles_labels()
+    figure.legend(handles, texts, loc="outside lower center", ncols=2)
     return figure
 
 
