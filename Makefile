@@ -1,6 +1,6 @@
 # Each target does whatever set-up it needs; a second call sets nothing up again.
 #   make reproduce                   all tables, figures and the report, as far as out of date
-#   make reproduce-table3            one of them: table1 .. table4, figure1 .. figure7, ...
+#   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make gallery                     looping pictures of each experiment's best agent
 #   make test                        the test suite
@@ -13,14 +13,12 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 ENGINE_SOURCES := setup.py $(shell find designrl/engine/native -type f)
-REPRODUCE := $(addprefix reproduce-,table1 table2 table3 table4 statistics report \
-  figure1 figure2 figure3 figure4 figure5 figure6 figure7)
 
 export ZOO
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce $(REPRODUCE) gallery verify-engine verify-resume fuzz clean
+.PHONY: setup test bench lint reproduce FORCE gallery verify-engine verify-resume fuzz clean
 
 setup: $(READY)
 
@@ -55,7 +53,8 @@ lint: $(READY)
 reproduce: $(READY)
 	@$(BIN)/python -m reproduce.build
 
-$(REPRODUCE): reproduce-%: $(READY)
+# Which items there are, the program knows (reproduce/build.py).
+reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
 
 gallery: $(READY)

@@ -7,9 +7,9 @@ import time
 
 import numpy as np
 import pytest
-from designrl.bodies.walker import leg_area_reward_factor
 
 from designrl import cli, plan, simulation
+from designrl.bodies.walker import leg_area_reward_factor
 from designrl.checkpoint import load, read_tensors, write_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment

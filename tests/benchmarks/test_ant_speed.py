@@ -15,12 +15,12 @@ import gymnasium
 import numpy as np
 import pybullet
 import pytest
-from designrl.simulation import run_episode
 
 import designrl  # noqa: F401
 from designrl.envs.ant import Ant
 from designrl.experiments import get_experiment
 from designrl.policy import Agent, forward_function
+from designrl.simulation import run_episode
 
 STEPS = 1000
 ROUNDS = 9
