@@ -1,6 +1,6 @@
 # Each target does whatever set-up it needs; a second call sets nothing up again.
 #   make reproduce                   all tables, figures and the report, as far as out of date
-#   make reproduce-table3            one of them: table1 .. table4, figure1 .. figure7, ...
+#   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make gallery                     looping pictures of each experiment's best agent
 #   make test                        the test suite
@@ -12,15 +12,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-ENGINE_SOURCES := $(wildcard setup.py designrl/simulation/csrc/*)
-REPRODUCE := $(addprefix reproduce-,table1 table2 table3 table4 statistics report \
-  figure1 figure2 figure3 figure4 figure5 figure6 figure7)
+ENGINE_SOURCES := setup.py $(shell find designrl/engine/native -type f)
 
 export ZOO
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce $(REPRODUCE) gallery verify-engine verify-resume fuzz clean
+.PHONY: setup test bench lint reproduce FORCE gallery verify-engine verify-resume fuzz clean
 
 setup: $(READY)
 
@@ -36,10 +34,10 @@ $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES)
 	@grep -E '^(swig|setuptools|wheel)==' requirements.lock > $(VENV)/build-tools.lock
 	@$(PIP) install --quiet -r $(VENV)/build-tools.lock
 	@$(PIP) install --quiet --no-build-isolation -r requirements.lock
-	@echo "designrl: building the package and its walker engine"
+	@echo "designrl: building the package and its engine"
 	@$(PIP) install --quiet --no-build-isolation --no-deps \
 	  --config-settings editable_mode=compat --editable .
-	@$(BIN)/python -c 'from designrl.simulation.engine import engine_missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environment")'
+	@$(BIN)/python -c 'from designrl.engine import missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environments")'
 	@touch $@
 
 test: $(READY)
@@ -55,14 +53,15 @@ lint: $(READY)
 reproduce: $(READY)
 	@$(BIN)/python -m reproduce.build
 
-$(REPRODUCE): reproduce-%: $(READY)
+# Which items there are, the program knows (reproduce/build.py).
+reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
 
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
 
 verify-engine: $(READY)
-	@$(BIN)/python -m designrl.simulation.verify
+	@$(BIN)/python -m designrl.engine.verify
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py

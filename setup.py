@@ -1,30 +1,34 @@
-"""Builds the compiled walker engine; everything else is in pyproject.toml.
+"""Builds the compiled engine; everything else is in pyproject.toml.
 
 The engine is optional: without a C++ compiler or on another processor the installation goes on, and
-training uses the reference environment.
+training uses the reference environments.
 """
 
+import os
 import platform
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 
-SOURCES = Path("designrl/simulation/csrc")
-# The lanes' code once for each instruction set; the best one that a processor has is chosen at run
-# time, so one wheel serves every x86-64.
+SOURCES = Path("designrl/engine/native")
+# Each task once for each instruction set; the best one that a processor has is chosen at run time,
+# so one wheel serves every x86-64.
 INSTRUCTION_SETS = {
     "sse2": [],
     "avx2": ["-mavx2"],
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512"],
 }
+INTERFACE = [str(SOURCES / "api.cpp")]
+TASKS = sorted(str(path) for path in SOURCES.glob("*/*.cpp"))
 FLAGS = [
     "-std=c++17",
     "-O3",
     "-g0",
-    # Whatever CFLAGS says: the baseline runs anywhere, and the bits must be Box2D's, without fused
-    # multiply-adds and without reordered sums.
+    # Whatever CFLAGS says: the baseline runs anywhere, and the bits must be the reference's,
+    # without fused multiply-adds and without reordered sums.
     "-march=x86-64",
     "-fno-fast-math",
     "-ffp-contract=off",
@@ -36,42 +40,46 @@ FLAGS = [
 
 class BuildEngine(build_ext):
     def build_extension(self, extension):
-        print("designrl: compiling the walker engine (about half a minute, once)", flush=True)
+        print("designrl: compiling the engine (about half a minute, once)", flush=True)
         try:
             machine = platform.machine().lower()
             if machine not in ("x86_64", "amd64") or not sys.platform.startswith("linux"):
                 raise RuntimeError(f"it needs Linux on x86-64, this is {sys.platform} {machine}")
-            objects = self.compiler.compile(
-                [str(SOURCES / "engine.cpp")],
-                output_dir=self.build_temp,
-                depends=extension.depends,
-                extra_postargs=FLAGS,
-            )
-            for name, flags in INSTRUCTION_SETS.items():
-                objects += self.compiler.compile(
-                    [str(SOURCES / "lanes.cpp")],
-                    output_dir=str(Path(self.build_temp) / name),
-                    depends=extension.depends,
-                    extra_postargs=FLAGS + flags,
-                )
+            units = [(source, "baseline", []) for source in INTERFACE]
+            units += [
+                (source, name, flags)
+                for source in TASKS
+                for name, flags in INSTRUCTION_SETS.items()
+            ]
+            with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+                objects = sum(pool.map(self.compile_unit, units), [])
             target = self.get_ext_fullpath(extension.name)
             Path(target).parent.mkdir(parents=True, exist_ok=True)
             self.compiler.link_shared_object(objects, target, target_lang="c++")
         except Exception as error:  # a missing engine must not stop the installation
             print(
-                f"designrl: the walker engine was not built ({error}); training will use the "
-                "slower reference environment, with the same results",
+                f"designrl: the engine was not built ({error}); training will use the slower "
+                "reference environments, with the same results",
                 file=sys.stderr,
                 flush=True,
             )
+
+    def compile_unit(self, unit):
+        source, folder, flags = unit
+        return self.compiler.compile(
+            [source],
+            output_dir=str(Path(self.build_temp) / folder),
+            include_dirs=[str(SOURCES)],
+            extra_postargs=FLAGS + flags,
+        )
 
 
 setup(
     ext_modules=[
         Extension(
-            "designrl.simulation._walker_engine",
-            sources=[str(SOURCES / "engine.cpp"), str(SOURCES / "lanes.cpp")],
-            depends=sorted(str(path) for path in SOURCES.glob("*.h")),
+            "designrl.engine._native",
+            sources=INTERFACE + TASKS,
+            depends=sorted(str(path) for path in SOURCES.rglob("*.h")),
             language="c++",
             optional=True,
         )

@@ -2,25 +2,11 @@
 
 import importlib
 
-import gymnasium
-
+from designrl import envs  # noqa: F401 (registers the environments)
 from designrl.provenance import VERSION
 
 __version__ = VERSION
 __all__ = ["evaluate", "load"]
-
-# Time limits of the 2018 environments, in steps.
-for _name, _entry_point, _kwargs, _steps in (
-    ("BipedalWalker-v0", "designrl.envs.walker:Walker", {}, 1600),
-    ("BipedalWalkerHardcore-v0", "designrl.envs.walker:Walker", {"hardcore": True}, 2000),
-    ("Ant-v0", "designrl.envs.ant:Ant", {}, 1000),
-):
-    gymnasium.register(
-        f"designrl/{_name}",
-        entry_point=_entry_point,
-        kwargs=_kwargs,
-        max_episode_steps=_steps,
-    )
 
 
 def __getattr__(name: str):

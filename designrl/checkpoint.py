@@ -18,19 +18,14 @@ import safetensors.numpy
 from mcap.writer import MCAP0_MAGIC
 
 from designrl.errors import InputError
-from designrl.experiments import (
-    PUBLISHED_ANT_NETWORK,
-    Experiment,
-    Network,
-    get_experiment,
-)
+from designrl.experiments import Experiment, Network, get_experiment
 from designrl.files import file_hash, read_limited, write_atomically
 from designrl.policy import Agent
 from designrl.provenance import versions
 
 FORMAT = "designrl checkpoint 1"
 STATE_FORMAT = "designrl training state 1"
-MENDS = {
+_WHAT_TO_DO = {
     FORMAT: "get it again, or name another",
     STATE_FORMAT: "put a good copy back, or start again in another folder with --out",
 }
@@ -63,7 +58,7 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
     path = Path(path)
     data = _read(path)
     part = "whole " if data[8:9] in (b"", b"{") else ""  # there, any safetensors' header begins
-    damaged = f"{path} is not a {part}{format_name} file; {MENDS[format_name]}"
+    damaged = f"{path} is not a {part}{format_name} file; {_WHAT_TO_DO[format_name]}"
     header_bytes = int.from_bytes(data[:8], "little")
     if header_bytes > MAX_HEADER_BYTES:
         raise InputError(damaged)
@@ -158,8 +153,9 @@ def load_published(path: str | Path, experiment: Experiment) -> Agent:
     path = Path(path)
     parameters, score = _read_published(path)
     network = experiment.network
-    if experiment.name == "ant" and parameters.shape == (PUBLISHED_ANT_NETWORK.num_parameters,):
-        network = PUBLISHED_ANT_NETWORK
+    for other in experiment.other_networks:
+        if parameters.shape == (experiment.parameters_with(other),):
+            network = other
     metadata = {
         "source": f"published weights of 2018 ({path.name})",
         "source_sha256": file_hash(path),
@@ -183,14 +179,13 @@ def _read_published(path: Path) -> tuple[np.ndarray, float]:
         ) from None
 
 
-def _describe_state(path: Path, tensors: dict[str, np.ndarray], metadata: dict) -> str:
+def _describe_state(path: Path, metadata: dict) -> str:
     progress = metadata.get("progress", {})
     lines = [
         f"{path}: state of a training run of {metadata.get('experiment')}; "
         "`designrl train ... --resume` goes on with it",
-        f"generations  {tensors.get('generation')}",
-        *(f"{key:12} {value}" for key, value in progress.items()),
-        f"settings     {metadata.get('settings')}",
+        *(f"{key:15}  {value}" for key, value in progress.items()),
+        f"{'settings':15}  {metadata.get('settings')}",
     ]
     return "\n".join(lines)
 
@@ -206,7 +201,7 @@ def describe(path: str | Path) -> str:
         parameters, score = _read_published(path)
         return f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
     with contextlib.suppress(InputError):  # if it is no state, `load` says what is wrong
-        return _describe_state(path, *read_tensors(path, STATE_FORMAT))
+        return _describe_state(path, read_tensors(path, STATE_FORMAT)[1])
     agent = load(path)
     m = agent.metadata
     lines = [
@@ -229,17 +224,17 @@ def describe(path: str | Path) -> str:
         )
         if isinstance(m.get(key), str | int | float)
     ]
-    if agent.experiment.leg_area_reward:
+    if agent.experiment.training_kwargs.get("leg_area_reward"):
         lines.append("             (the score includes the factor for smaller legs)")
     for label in ("settings", "versions"):
         if isinstance(m.get(label), dict):
             values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)
             lines.append(f"{label:12} {values}")
     if agent.design is not None:
-        body = agent.experiment.design
-        lines.append(f"design       in % of the original, and in {body.unit}")
+        space = agent.experiment.design
+        lines.append(f"design       in % of the original, and in {space.unit}")
         for name, scale, size in zip(
-            body.names, agent.design, body.dimensions(agent.design), strict=True
+            space.names, agent.design, space.dimensions(agent.design), strict=True
         ):
             lines.append(f"  {name:28} {100 * scale:6.1f} %  {size:8.3f}")
     return "\n".join(lines)

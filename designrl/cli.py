@@ -7,11 +7,12 @@ import os
 import shlex
 import signal
 import sys
+import typing
 from pathlib import Path
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS, get_experiment
-from designrl.settings import MAX_EPISODES, SCHEDULES, TrainSettings, parse_schedule
+from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
+from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
 EXIT_INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
@@ -23,40 +24,39 @@ def available_cores() -> int:
 
 
 def _experiments(_args) -> None:
-    columns = "{:38} {:5} {:12} {:>6} {:>11} {:>10} {:>8}"
-    print(
-        columns.format(
-            "experiment", "paper", "network", "design", "generations", "population", "rollouts"
-        )
-    )
+    print(f"{'experiment':38} paper  network      design  recipe")
     for e in EXPERIMENTS.values():
-        print(
-            columns.format(
-                e.name,
-                f"({e.letter})",
-                "-".join(map(str, e.network.sizes)),
-                e.design.size if e.design else 0,
-                e.generations,
-                e.population,
-                e.rollouts,
-            )
-        )
+        size = e.design.size if e.design else 0
+        about = f"{e.name:38} {f'({e.letter})':6} {'-'.join(map(str, e.network.sizes)):13} {size:5}"
+        paper = TrainSettings.of(e)
+        for recipe in RECIPES:
+            settings = TrainSettings.of(e, recipe)
+            words = [f"{settings.population} × {settings.rollouts}"]
+            words += [f"{settings.generations:,} generations"]
+            words += [
+                option(name, value)[2:]
+                for name, value in vars(settings).items()
+                if value != getattr(paper, name) and name not in ("generations", "rollouts")
+            ]
+            print(f"{about:66} {recipe + ':':7}{', '.join(words)}")
+            about = ""
+
+
+def settings_of(args) -> TrainSettings:
+    """The settings that the arguments of `designrl train` mean."""
+    names = [f.name for f in dataclasses.fields(TrainSettings) if f.name != "experiment"]
+    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    return TrainSettings.of(args.experiment, args.recipe, **given)
 
 
 def _train(args) -> None:
-    experiment = get_experiment(args.experiment)
-    names = [f.name for f in dataclasses.fields(TrainSettings)]
-    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    for name in SCHEDULES:
-        if name in given:
-            given[name] = parse_schedule(name, given[name])
-    settings = TrainSettings(**given)
-    out = Path(args.out or f"runs/{experiment.name}/seed{settings.seed}")
+    settings = settings_of(args)
+    out = Path(args.out or f"runs/{settings.experiment}/seed{settings.seed}")
     from designrl.train import TrainingRun  # takes seconds, and wrong settings are known by now
 
     run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
     if run.finished:
-        done = run.optimiser.generation
+        done = run.progress.generation
         print(f"{out} has {done} generations; give --generations more than that to go on")
         return
     if args.dry_run:
@@ -66,7 +66,7 @@ def _train(args) -> None:
         print(plan.describe(run, found))
         plan.check_disk(run, found)
         return
-    if args.resume and not run.optimiser.generation:
+    if args.resume and not run.progress.generation:
         others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
         print(
             f"{out} holds no generations to go on with; this is a new run"
@@ -79,7 +79,7 @@ def _train(args) -> None:
         run.run()
     except KeyboardInterrupt:
         words = [word for word in sys.argv[1:] if word != "--resume"]
-        generation = run.optimiser.generation
+        generation = run.progress.generation
         saved = f"saved in {out}" if generation else "nothing to save yet"
         print(
             f"\nstopped at generation {generation}, {saved}; go on with:\n"
@@ -108,8 +108,8 @@ def _evaluate(args) -> None:
             args.seed,
             args.workers,
             args.backend,
-            args.lidar,
             progress=bar.update,
+            **({"lidar": args.lidar} if args.lidar else {}),
         )
     summary = result.summary()
     if args.json:
@@ -183,13 +183,14 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    top = argparse.ArgumentParser(
         prog="designrl",
         description="Reinforcement Learning for Improving Agent Design (Ha 2018): train, evaluate, "
         "record and replay agents that learn their body together with their policy.",
     )
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands = top.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, function, help: str) -> argparse.ArgumentParser:  # noqa: A002
         sub = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
@@ -204,21 +205,19 @@ def _parser() -> argparse.ArgumentParser:
             help="processes or threads (default: %(default)s); they do not change the result",
         )
 
-    command("experiments", _experiments, "list the eight experiments with the paper's settings")
+    command("experiments", _experiments, "list the experiments with the paper's settings and ours")
 
-    train = command("train", _train, "train an experiment, by default with the paper's settings")
+    train = command("train", _train, "train an experiment")
     train.add_argument("experiment", metavar="EXPERIMENT")
+    train.add_argument(
+        "--recipe",
+        default="paper",
+        help=f"settings to start from: {', '.join(RECIPES)} or plain (default: paper); zoo is what "
+        "the published runs have, plain the paper's equations as written",
+    )
     for setting in dataclasses.fields(TrainSettings):
-        if setting.name == "experiment":
-            continue
-        kind = str if setting.name in SCHEDULES else setting.metadata.get("type", int)
-        default = "" if setting.default is None else f" (default: {_shown(setting.default)})"
-        train.add_argument(
-            "--" + setting.name.replace("_", "-"),
-            type=kind,
-            metavar="X",
-            help=setting.metadata["help"] + default,
-        )
+        if setting.name != "experiment":
+            _add_setting(train, setting)
     where = train.add_mutually_exclusive_group()
     workers(where)
     where.add_argument(
@@ -246,10 +245,8 @@ def _parser() -> argparse.ArgumentParser:
     agent_file(evaluate)
     evaluate.add_argument("--episodes", type=int, default=100, help="default: 100, as the paper")
     evaluate.add_argument("--json", action="store_true", help="print one JSON object")
-    evaluate.add_argument("--lidar", default="v2", help='"v2" (default, the paper\'s) or "v3"')
-    evaluate.add_argument(
-        "--backend", default="reference", help='"reference" (default) or "engine"'
-    )
+    evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
+    evaluate.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
     workers(evaluate)
 
     convert = command("import", _import, "convert a 2018 .json of published weights")
@@ -275,16 +272,25 @@ def _parser() -> argparse.ArgumentParser:
 
     info = command("info", _info, "tell what a checkpoint or recording holds")
     info.add_argument("file", metavar="FILE")
-    return parser
+    return top
 
 
-def _shown(default) -> str:
-    return str(default[0][1]) if isinstance(default, tuple) else str(default)
+def _add_setting(parser: argparse.ArgumentParser, setting: dataclasses.Field) -> None:
+    """An option for a setting; without it, the recipe decides."""
+    hint = typing.get_type_hints(TrainSettings)[setting.name]
+    kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
+    how = (
+        {"action": argparse.BooleanOptionalAction}
+        if kind is bool
+        else {"type": kind, "metavar": "X"}
+    )
+    flag = "--" + setting.name.replace("_", "-")
+    parser.add_argument(flag, default=None, help=setting.metadata["help"], **how)
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run a command; wrong input ends with one sentence and exit code 2."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     try:
         args.function(args)
     except InputError as error:

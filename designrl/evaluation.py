@@ -68,9 +68,9 @@ def evaluate(
     episodes: int = 100,
     seed: int = 0,
     workers: int = 1,
-    backend: str = "reference",
-    lidar: str = "v2",
+    backend: str = "engine",
     progress: Callable[[int], None] | None = None,
+    **env_kwargs,
 ) -> Evaluation:
     """Score an agent over `episodes` episodes; the paper's scores are over 100.
 
@@ -78,8 +78,9 @@ def evaluate(
         agent: from `designrl.load`.
         episodes: at least 1, at most MAX_EPISODES.
         seed: the same seed gives the same scores, for any number of workers.
-        workers: processes. More than one needs the usual `if __name__ == "__main__":`.
-        backend, lidar: as in `Simulator`.
+        workers: threads of the engine, or processes of the reference, of which more than one need
+            the usual `if __name__ == "__main__":`.
+        backend, env_kwargs: as in `Simulator`.
         progress: called with the number of episodes that have ended since its last call.
 
     Raises:
@@ -87,7 +88,7 @@ def evaluate(
     """
     check_episodes(episodes, seed)
     start = time.perf_counter()
-    with Simulator(agent.experiment, backend, agent.network, lidar, workers) as simulator:
+    with Simulator(agent.experiment, backend, agent.network, workers, **env_kwargs) as simulator:
         result = simulator.rollout(
             agent.parameters[None], episode_seeds(seed, episodes)[None], progress=progress
         )

@@ -1,7 +1,8 @@
-"""The eight experiments of the paper as data: body, network, training settings."""
+"""The eight experiments of the paper as data: body, environment, network, settings."""
 
 import difflib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from designrl.bodies import Body
@@ -9,6 +10,8 @@ from designrl.bodies.ant import ANT
 from designrl.bodies.walker import WALKER
 from designrl.design import DesignSpace
 from designrl.errors import InputError
+
+RECIPES = ("paper", "zoo")
 
 
 @dataclass(frozen=True)
@@ -36,20 +39,36 @@ class Network:
 
 
 @dataclass(frozen=True)
+class Shaping:
+    """What the published code changes of the rewards in training, never in evaluation.
+
+    Attributes:
+        free_term: the reward term that costs nothing; an episode that has it is not solved.
+        solved_return: points; an episode above earns the bonus.
+        solved_bonus: points.
+    """
+
+    free_term: str = "fall"
+    solved_return: float = 300.0
+    solved_bonus: float = 100.0
+
+
+@dataclass(frozen=True)
 class Experiment:
-    """One of the paper's eight experiments (rows (a) to (h) of Table 3).
+    """What is trained, in which world, and how.
 
     Attributes:
         name: as the commands take it.
         letter, title: row of Table 3.
-        env_id: Gymnasium environment.
-        body: what it moves.
+        env_id: Gymnasium environment; it takes `design=` and `reset(options={"design": scales})`.
+        body: everything known of its body.
         network: the policy, as the paper's text gives it.
-        learns_design: the body is learned, too.
-        leg_area_reward: training reward grows as the legs shrink (section 4.2).
-        generations: the paper's number of generations.
-        population: candidates per generation (section 4).
-        rollouts: episodes per candidate and generation (section 4).
+        learns_design: the body's dimensions are learned with the policy.
+        paper: the paper's settings (section 4), by the names of `TrainSettings`.
+        zoo: the settings of our published runs, likewise.
+        training_kwargs: keywords of the environment that hold in training alone.
+        shaping: what the published code changes of the rewards in training; None: nothing.
+        other_networks: that its agents may have, too.
     """
 
     name: str
@@ -59,121 +78,137 @@ class Experiment:
     body: Body
     network: Network
     learns_design: bool
-    leg_area_reward: bool
-    generations: int
-    population: int = 192
-    rollouts: int = 16
-
-    @property
-    def is_walker(self) -> bool:
-        """Box2D walker (True) or PyBullet ant (False)."""
-        return "Walker" in self.env_id
-
-    @property
-    def hardcore(self) -> bool:
-        """The walker's terrain has pits, stumps and stairs."""
-        return "Hardcore" in self.env_id
-
-    @property
-    def networks(self) -> tuple[Network, ...]:
-        """Networks that its agents may have: its own, and the published ant's for the ant."""
-        return (self.network, PUBLISHED_ANT_NETWORK) if self.name == "ant" else (self.network,)
+    paper: Mapping = field(default_factory=dict)
+    zoo: Mapping = field(default_factory=dict)
+    training_kwargs: Mapping = field(default_factory=dict)
+    shaping: Shaping | None = None
+    other_networks: tuple[Network, ...] = ()
 
     @property
     def design(self) -> DesignSpace | None:
-        """The dimensions that are learned; None where the body is fixed."""
+        """The dimensions that it learns; None where the body is fixed."""
         return self.body.design if self.learns_design else None
+
+    @property
+    def networks(self) -> tuple[Network, ...]:
+        """Networks that its agents may have."""
+        return (self.network, *self.other_networks)
 
     @property
     def num_parameters(self) -> int:
         """P: network parameters, then design parameters."""
-        return self.network.num_parameters + (self.design.size if self.design else 0)
+        return self.parameters_with(self.network)
+
+    def parameters_with(self, network: Network) -> int:
+        """P where its agent has that network.
+
+        Raises:
+            InputError: its agents do not have it.
+        """
+        if network not in self.networks:
+            raise InputError(f"{self.name} does not have the network {network}")
+        return network.num_parameters + (self.design.size if self.design else 0)
 
 
-_WALKER_NETWORK = Network((24, 40, 40, 4))
+WALKER_NETWORK = Network((24, 40, 40, 4))
 # The paper's text: 28 inputs, hidden layers of 64 and 32. The published code adds a time input and
 # learned output noise, and so does every published ant.
-_ANT_NETWORK = Network((29, 64, 32, 8), time_scale=1000.0, noise=True)
-
+ANT_NETWORK = Network((29, 64, 32, 8), time_scale=1000.0, noise=True)
 # The published original ant has wider layers and no output activation, unlike the paper's text.
 PUBLISHED_ANT_NETWORK = Network((29, 140, 40, 8), "linear", time_scale=1000.0, noise=True)
 
-_ANT, _BIPED, _HARDCORE = (
-    "designrl/Ant-v0",
-    "designrl/BipedalWalker-v0",
-    "designrl/BipedalWalkerHardcore-v0",
-)
+# What all our runs have in common: fewer episodes a generation than the paper's 192 × 16, a
+# learning rate that falls, and the distribution's mean as the agent (docs/studies.md says why).
+_ZOO = {
+    "learning_rate_decay": 0.9995,
+    "learning_rate_floor": 0.002,
+    "keep": "mean",
+    "evaluate_every": 50,
+    "evaluation_episodes": 192,
+}
+
+
+def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
+    return Experiment(
+        name,
+        letter,
+        title,
+        "designrl/Ant-v0",
+        ANT,
+        ANT_NETWORK,
+        learns_design,
+        paper={"generations": 3000},
+        zoo={"generations": 3000, "rollouts": 2, **_ZOO},
+        **kwargs,
+    )
+
+
+def _walker(
+    name: str,
+    letter: str,
+    title: str,
+    learns_design: bool,
+    hardcore: bool = False,
+    smaller_leg: bool = False,
+) -> Experiment:
+    return Experiment(
+        name,
+        letter,
+        title,
+        f"designrl/BipedalWalker{'Hardcore' if hardcore else ''}-v0",
+        WALKER,
+        WALKER_NETWORK,
+        learns_design,
+        paper={"generations": 10000 if hardcore else 5000, "shaped_rewards": True},
+        zoo={
+            "generations": 2500 if hardcore else 600,
+            "rollouts": 4,
+            "shaped_rewards": True,
+            **_ZOO,
+        },
+        training_kwargs={"leg_area_reward": True} if smaller_leg else {},
+        shaping=Shaping(),
+    )
+
 
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
-        Experiment("ant", "a", "Ant", _ANT, ANT, _ANT_NETWORK, False, False, 3000),
-        Experiment(
-            "ant-morphology", "b", "Ant + Morphology", _ANT, ANT, _ANT_NETWORK, True, False, 3000
-        ),
-        Experiment("biped", "c", "Biped", _BIPED, WALKER, _WALKER_NETWORK, False, False, 5000),
-        Experiment(
-            "biped-morphology",
-            "d",
-            "Biped + Morphology",
-            _BIPED,
-            WALKER,
-            _WALKER_NETWORK,
-            True,
-            False,
-            5000,
-        ),
-        Experiment(
+        _ant("ant", "a", "Ant", False, other_networks=(PUBLISHED_ANT_NETWORK,)),
+        _ant("ant-morphology", "b", "Ant + Morphology", True),
+        _walker("biped", "c", "Biped", False),
+        _walker("biped-morphology", "d", "Biped + Morphology", True),
+        _walker(
             "biped-morphology-smaller-leg",
             "e",
             "Biped + Morphology + Smaller Leg",
-            _BIPED,
-            WALKER,
-            _WALKER_NETWORK,
             True,
-            True,
-            5000,
+            smaller_leg=True,
         ),
-        Experiment(
-            "biped-hardcore",
-            "f",
-            "Biped Hardcore",
-            _HARDCORE,
-            WALKER,
-            _WALKER_NETWORK,
-            False,
-            False,
-            10000,
+        _walker("biped-hardcore", "f", "Biped Hardcore", False, hardcore=True),
+        _walker(
+            "biped-hardcore-morphology", "g", "Biped Hardcore + Morphology", True, hardcore=True
         ),
-        Experiment(
-            "biped-hardcore-morphology",
-            "g",
-            "Biped Hardcore + Morphology",
-            _HARDCORE,
-            WALKER,
-            _WALKER_NETWORK,
-            True,
-            False,
-            10000,
-        ),
-        Experiment(
+        _walker(
             "biped-hardcore-morphology-smaller-leg",
             "h",
             "Biped Hardcore + Morphology + Smaller Leg",
-            _HARDCORE,
-            WALKER,
-            _WALKER_NETWORK,
             True,
-            True,
-            10000,
+            hardcore=True,
+            smaller_leg=True,
         ),
     )
 }
 
 
 def register(experiment: Experiment) -> None:
-    """Add an experiment, which commands and recordings then know by its name."""
-    EXPERIMENTS[experiment.name] = experiment
+    """Make an experiment of one's own known by its name.
+
+    Raises:
+        InputError: another experiment has that name.
+    """
+    if EXPERIMENTS.setdefault(experiment.name, experiment) != experiment:
+        raise InputError(f"there is another experiment {experiment.name!r}; choose another name")
 
 
 def get_experiment(name: str | Experiment) -> Experiment:
@@ -188,4 +223,7 @@ def get_experiment(name: str | Experiment) -> Experiment:
         return EXPERIMENTS[name]
     near = difflib.get_close_matches(str(name), EXPERIMENTS, n=1)
     guess = f"did you mean {near[0]!r}? " if near else ""
-    raise InputError(f"unknown experiment {name!r}; {guess}`designrl experiments` lists all")
+    raise InputError(
+        f"unknown experiment {name!r}; {guess}`designrl experiments` lists those there are, "
+        "`designrl.experiments.register` adds one"
+    )

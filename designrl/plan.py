@@ -9,11 +9,9 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
-import designrl  # noqa: F401 (registers the environments)
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import RunWriter, read, record_rollout
-from designrl.settings import SCHEDULES, format_schedule
 from designrl.train import TrainingRun
 
 CALIBRATION_SECONDS = 3.0  # of simulation, after the workers have started
@@ -64,36 +62,26 @@ class Plan:
 
 def plan(run: TrainingRun) -> Plan:
     """Measure for some seconds what a run would take; leaves its folder as it is."""
-    settings, first = run.settings, run.optimiser.generation
-    training = evaluation = evaluations = 0
-    starts = sorted({start for start, _ in (*settings.population, *settings.rollouts)})
-    for start, end in zip(starts, [*starts[1:], settings.generations], strict=True):
-        start, end = max(start, first), min(end, settings.generations)
-        if start < end:
-            count = settings.at("population", start) * settings.at("rollouts", start)
-            times = end // settings.evaluate_every - start // settings.evaluate_every
-            times += end == settings.generations and end % settings.evaluate_every != 0
-            training += (end - start) * count
-            evaluations += times
-            evaluation += times * (settings.evaluation_episodes or count)
+    settings, first = run.settings, run.progress.generation
+    episodes = settings.population * settings.rollouts
+    every, end = settings.evaluate_every, settings.generations
+    evaluations = end // every - first // every + (first < end and end % every != 0)
     candidates = run.candidates()
     backend, speed, length = _simulation_speed(run, candidates)
-    spec = gymnasium.spec(run.experiment.env_id)
-    episodes = settings.at("population", first) * settings.at("rollouts", first)
+    longest = gymnasium.spec(run.experiment.env_id).max_episode_steps
     with tempfile.TemporaryDirectory(prefix="designrl-") as folder:
-        # Of a generation with as many episodes as the first; others take in proportion.
-        fixed, each = _recording_bytes(run, Path(folder))
-        rollout = _rollout_bytes(run, candidates[0], spec.max_episode_steps, Path(folder))
+        generation = _generation_bytes(run, Path(folder))
+        rollout = _rollout_bytes(run, candidates[0], longest, Path(folder))
     existing = next(p for p in (run.out.absolute(), *run.out.absolute().parents) if p.exists())
     return Plan(
-        generations=settings.generations - first,
-        training_episodes=training,
-        evaluation_episodes=evaluation,
+        generations=end - first,
+        training_episodes=(end - first) * episodes,
+        evaluation_episodes=evaluations * (settings.evaluation_episodes or episodes),
         backend=backend,
         steps_per_second=speed,
         steps_at_start=length,
-        steps_at_most=spec.max_episode_steps,
-        recording_bytes=round(fixed * (settings.generations - first) + each * training / episodes),
+        steps_at_most=longest,
+        recording_bytes=round(generation * (end - first)),
         rollouts=evaluations,
         rollout_bytes=rollout,
         free_bytes=shutil.disk_usage(existing).free,
@@ -114,32 +102,27 @@ def _simulation_speed(run: TrainingRun, candidates: np.ndarray) -> tuple[str, fl
     return simulator.backend, steps / seconds, steps / episodes
 
 
-def _recording_bytes(run: TrainingRun, folder: Path) -> tuple[float, float]:
-    """Bytes that a generation takes for its distribution, and for its episodes."""
+def _generation_bytes(run: TrainingRun, folder: Path) -> float:
+    """Bytes that a generation takes in `generations.mcap`."""
     rng = np.random.default_rng(0)
-    first = run.optimiser.generation
-    n, r = run.settings.at("population", first), run.settings.at("rollouts", first)
+    shape = run.settings.population, run.settings.rollouts
     size = run.experiment.num_parameters
-
-    def measure(rollouts: int) -> float:
-        path = folder / f"{rollouts}.mcap"
-        with RunWriter(path, {"experiment": run.experiment.name}) as writer:
-            before = path.stat().st_size
-            for index in range(_SAMPLE_GENERATIONS):
-                writer.generation(
-                    index=index,
-                    mu=rng.standard_normal(size),
-                    sigma=rng.uniform(0.02, 0.1, size),
-                    returns=rng.normal(0, 300, (n, rollouts)),
-                    steps=rng.integers(1, 2000, (n, rollouts)),
-                    seeds=rng.integers(0, 2**32, (n, rollouts)),
-                    seconds=rng.random(),
-                    total_steps=2**40,
-                )
-        return (path.stat().st_size - before) / _SAMPLE_GENERATIONS
-
-    one, many = measure(1), measure(r + 1)
-    return one - (many - one) / r, many - one
+    path = folder / "generations.mcap"
+    with RunWriter(path, {"experiment": run.experiment.name}) as writer:
+        before = path.stat().st_size
+        for index in range(_SAMPLE_GENERATIONS):
+            writer.generation(
+                index=index,
+                mu=rng.standard_normal(size),
+                sigma=rng.uniform(0.02, 0.1, size),
+                returns=rng.normal(0, 300, shape),
+                steps=rng.integers(1, 2000, shape),
+                seeds=rng.integers(0, 2**32, shape),
+                seconds=rng.random(),
+                cpu_seconds=rng.random(),
+                total_steps=2**40,
+            )
+    return (path.stat().st_size - before) / _SAMPLE_GENERATIONS
 
 
 def _rollout_bytes(run: TrainingRun, parameters: np.ndarray, longest: int, folder: Path) -> int:
@@ -152,7 +135,7 @@ def _rollout_bytes(run: TrainingRun, parameters: np.ndarray, longest: int, folde
 def describe(run: TrainingRun, found: Plan) -> str:
     """A plan in lines of text."""
     settings = {k: v for k, v in run.settings.as_dict().items() if v is not None}
-    settings |= {name: format_schedule(settings[name]) for name in SCHEDULES}
+    settings.pop("experiment")
     workers = "1 worker" if run.workers == 1 else f"{run.workers} workers"
     where = f"on Ray ({run.ray})" if run.ray else f"with {workers}"
     low, high = found.steps
@@ -160,7 +143,7 @@ def describe(run: TrainingRun, found: Plan) -> str:
     return "\n".join(
         [
             f"{run.experiment.name}, in {run.out}; nothing was started",
-            "  settings  " + ", ".join(f"{k} {v}" for k, v in list(settings.items())[1:]),
+            "  settings  " + ", ".join(f"{k} {v}" for k, v in settings.items()),
             f"  to do     {found.generations:,} generations, {found.training_episodes:,} episodes "
             f"in training and {found.evaluation_episodes:,} in evaluations",
             f"  speed     {speed:,.0f} steps/s {where}, {found.backend} backend",

@@ -5,17 +5,19 @@ order and the bias; then the outputs' log-stds where the network has noise; last
 parameters, which are not the network's business.
 
 Rollouts compute in float32 in a fixed order, so that every backend and every machine gives the
-same bits. `designrl.network.TanhPolicy` is the same network in torch, for everything that wants
-gradients or batches; the two agree to float32 rounding.
+same bits, in NumPy or, where the engine's library is there, in C++. `designrl.network.TanhPolicy`
+is the same network in torch, for everything that wants gradients or batches; the two agree to
+float32 rounding.
 """
 
 from collections.abc import Iterator
 from functools import cached_property
-from itertools import count
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import gymnasium
 import numpy as np
 
+from designrl import engine
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network
 
@@ -68,7 +70,7 @@ class Step(NamedTuple):
     """One step of an episode.
 
     Attributes:
-        t: its index, from 0.
+        t: counted from 0.
         observation: (O,) what the agent saw before it.
         action: (A,) what it did.
         reward, terminated, truncated, info: what the environment answered.
@@ -80,7 +82,7 @@ class Step(NamedTuple):
     reward: float
     terminated: bool
     truncated: bool
-    info: dict[str, Any]
+    info: dict
 
 
 class Agent:
@@ -102,16 +104,13 @@ class Agent:
         experiment: Experiment,
         parameters: np.ndarray,
         network: Network | None = None,
-        metadata: dict[str, str] | None = None,
+        metadata: dict | None = None,
     ):
         self.experiment = experiment
         self.network = network or experiment.network
-        if self.network not in experiment.networks:
-            raise InputError(f"{experiment.name} does not have the network {self.network}")
         self.parameters = np.array(parameters, dtype=np.float64)
         self.metadata = metadata or {}
-        design_size = experiment.design.size if experiment.design else 0
-        expected = self.network.num_parameters + design_size
+        expected = experiment.parameters_with(self.network)
         if self.parameters.shape != (expected,):
             raise InputError(
                 f"{experiment.name} has {expected} parameters, got an array of shape "
@@ -121,13 +120,14 @@ class Agent:
         if not usable.all():
             raise InputError(f"parameter {int(np.argmin(usable))} is not a finite float32 number")
         self._observations = self.network.sizes[0] - (self.network.time_scale is not None)
-        self._layers = split_layers(self.network, self.parameters.astype(np.float32))
-        self._noise_std = (
-            np.exp(0.5 * self.parameters[: self.network.num_parameters][-self.network.sizes[-1] :])
-            if self.network.noise
-            else None
-        )
+        self._noise_std = None
+        if self.network.noise:
+            log_stds = self.parameters[: self.network.num_parameters][-self.network.sizes[-1] :]
+            self._noise_std = np.exp(0.5 * log_stds)
         self._rng = np.random.default_rng()
+
+    def __reduce__(self):  # the compiled forward pass cannot be pickled
+        return Agent, (self.experiment, self.parameters, self.network, self.metadata)
 
     @cached_property
     def design(self) -> np.ndarray | None:
@@ -141,38 +141,11 @@ class Agent:
         """(D,) scales of the body it walks with: its design, or ones for the original body."""
         return np.ones(self.experiment.body.design.size) if self.design is None else self.design
 
-    body = scales  # its former name, for those that still use it
-
     def reset(self, seed: int) -> None:
         """Start an episode: the output noise, if any, is a function of the seed alone."""
         if self._noise_std is not None:
             # A stream of its own, apart from the environment's, which starts from the same seed.
             self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-
-    def start(self, env, seed: int) -> np.ndarray:
-        """Start an episode in an environment of its experiment, in its own body.
-
-        Args:
-            seed: of the environment and of the output noise.
-
-        Returns: (O,) the first observation.
-        """
-        self.reset(seed)
-        observation, _ = env.reset(seed=seed, options={"design": self.scales})
-        return observation
-
-    def steps(self, env, observation: np.ndarray) -> Iterator[Step]:
-        """Act from an observation on until the episode ends, step by step."""
-        for t in count():
-            seen, action = observation, self.act(observation, t)
-            observation, reward, terminated, truncated, info = env.step(action)
-            yield Step(t, seen, action, reward, terminated, truncated, info)
-            if terminated or truncated:
-                return
-
-    def play(self, env, seed: int) -> Iterator[Step]:
-        """`start` and `steps`: one episode from its seed."""
-        return self.steps(env, self.start(env, seed))
 
     def act(self, observation: np.ndarray, t: int = 0) -> np.ndarray:
         """Action (A,) float32 for an observation (O,) at step t, counted from 0.
@@ -196,15 +169,58 @@ class Agent:
             noise = noise.astype(np.float32)
         return self._forward(x, noise)
 
-    def _forward(self, x: np.ndarray, noise: np.ndarray | None) -> np.ndarray:
+    def start(self, env: gymnasium.Env, seed: int) -> np.ndarray:
+        """Reset the agent and an environment of its experiment, in its own body.
+
+        Returns: the first observation (O,).
+        """
+        self.reset(seed)
+        observation, _ = env.reset(seed=seed, options={"design": self.scales})
+        return observation
+
+    def steps(self, env: gymnasium.Env, observation: np.ndarray) -> Iterator[Step]:
+        """Act from a first observation to the episode's end, one `Step` at a time."""
+        t, done = 0, False
+        while not done:
+            action = self.act(observation, t)
+            seen = observation
+            observation, reward, terminated, truncated, info = env.step(action)
+            yield Step(t, seen, action, reward, terminated, truncated, info)
+            done, t = terminated or truncated, t + 1
+
+    def play(self, env: gymnasium.Env, seed: int) -> Iterator[Step]:
+        """A whole episode: `start`, then `steps`."""
+        return self.steps(env, self.start(env, seed))
+
+    @cached_property
+    def _forward(self):
         # (inputs,) and (A,) or None, float32 -> (A,) float32
-        last = len(self.network.sizes) - 2
+        network = self.network
+        weights = self.parameters[: network.num_parameters - network.noise * network.sizes[-1]]
+        try:
+            return engine.act_function(network.sizes, network.output == "tanh", weights)
+        except InputError:  # no library here, or a layer wider than it takes
+            return forward_function(network, weights)
+
+
+def forward_function(network: Network, weights: np.ndarray):
+    """The network in NumPy: a function of (inputs,) and noise (A,) or None, float32 -> (A,).
+
+    Args:
+        weights: (W,) of the layers, without log-stds.
+    """
+    layers = split_layers(network, weights.astype(np.float32))
+    last = len(network.sizes) - 2
+
+    def forward(x: np.ndarray, noise: np.ndarray | None) -> np.ndarray:
         for i in range(last + 1):
             # A reduction over the slow axis adds row after row: the order is fixed.
-            x = np.add.reduce(x[:, None] * self._layers[2 * i], axis=0)
-            x += self._layers[2 * i + 1]
+            x = np.add.reduce(x[:, None] * layers[2 * i], axis=0)
+            x += layers[2 * i + 1]
             if i < last:
                 x = tanh32(x)
         if noise is not None:
             x += noise
-        return tanh32(x) if self.network.output == "tanh" else x
+        return tanh32(x) if network.output == "tanh" else x
+
+    return forward

@@ -5,7 +5,7 @@
         candidates = optimiser.ask()       # (N, P), drawn from N(μ, σ²)
         optimiser.tell(returns)            # (N,), one per candidate
 
-Two presets of one class: `PAPER` is what the paper writes (equations 3 to 5), `PUBLISHED` what the
+Two forms of one class: `PLAIN` is what the paper writes (equations 3 to 5), `PUBLISHED` what the
 published code does. The mathematics is in free functions on tensors; the class keeps the state.
 """
 
@@ -13,9 +13,9 @@ import numpy as np
 import torch
 
 from designrl.errors import InputError
-from designrl.settings import PAPER, PUBLISHED, ReinforceSettings
+from designrl.settings import PLAIN, PUBLISHED, ReinforceSettings
 
-__all__ = ["PAPER", "PUBLISHED", "Reinforce", "ReinforceSettings"]
+__all__ = ["PLAIN", "PUBLISHED", "Reinforce", "ReinforceSettings"]
 
 _NOISE_STREAM = 0  # spawn key of the samples; training's episode seeds have another
 
@@ -72,15 +72,12 @@ class Reinforce:
     Args:
         num_parameters: P.
         population: N, candidates per generation; at least 2, and even where pairs are mirrored.
-        settings: PUBLISHED, PAPER or settings of one's own.
+        settings: PUBLISHED, PLAIN or settings of one's own.
         seed: every generation's samples are a function of the seed and the generation.
 
     Attributes:
         mu, sigma: (P,) float64 tensors.
         generation: updates so far.
-        population: N; may be set to another number after any update.
-        learning_rate, sigma_decay, weight_decay, decoupled_weight_decay: of the next update; the
-            settings' at first, may be set, too.
 
     Raises:
         InputError: no parameters, or a population that the settings cannot use.
@@ -95,39 +92,25 @@ class Reinforce:
     ):
         if num_parameters < 1:
             raise InputError(f"there are {num_parameters} parameters to learn; give at least 1")
+        if population < 2 or (settings.mirrored and population % 2):
+            raise InputError(
+                f"the population is {population}; it must be at least 2"
+                + (" and even, for mirrored pairs" if settings.mirrored else "")
+            )
         self.settings = settings
         self.seed = seed
+        self.population = population
         self.generation = 0
         self._candidates: torch.Tensor | None = None
-        self.population = population
-        self.learning_rate = settings.learning_rate
-        self.sigma_decay = settings.sigma_decay
-        self.weight_decay = settings.weight_decay
-        self.decoupled_weight_decay = settings.decoupled_weight_decay
         self.mu = torch.zeros(num_parameters, dtype=torch.float64)
         self.sigma = torch.full_like(self.mu, settings.sigma_start)
         self._adam_on(self.mu)
-
-    @property
-    def population(self) -> int:
-        return self._population
-
-    @population.setter
-    def population(self, population: int) -> None:
-        if population < 2 or (self.settings.mirrored and population % 2):
-            raise InputError(
-                f"the population is {population}; it must be at least 2"
-                + (" and even, for mirrored pairs" if self.settings.mirrored else "")
-            )
-        if self._candidates is not None and population != self._population:
-            raise InputError("the population cannot change between ask() and tell()")
-        self._population = population
 
     def _adam_on(self, mu: torch.Tensor) -> None:
         mu.requires_grad_(False)
         self._adam = torch.optim.Adam(
             [mu],
-            lr=self.learning_rate,
+            lr=self.settings.learning_rate,
             betas=(0.99, 0.999),
             eps=1e-8,
             maximize=True,
@@ -157,26 +140,26 @@ class Reinforce:
             raise InputError(f"tell() needs {self.population} finite returns")
         w, s = self.ask(), self.settings
         fitness = centred_ranks(returns) if s.ranks else returns
-        fitness = fitness - self.weight_decay * (w**2).mean(dim=1)
+        fitness = fitness - s.weight_decay * (w**2).mean(dim=1)
         if s.mirrored:
             by_mu = pair_gradient(fitness, self._epsilon)
             by_sigma = pair_sigma_change(fitness, self._epsilon, self.sigma)
         else:
             by_mu, by_sigma = reinforce_gradients(fitness, w, self.mu, self.sigma)
-        self.mu.mul_(1 - self.learning_rate * self.decoupled_weight_decay)
+        learning_rate = s.learning_rate_at(self.generation)
         if s.adam:
             self.mu.grad = by_mu
-            self._adam.param_groups[0]["lr"] = self.learning_rate
+            self._adam.param_groups[0]["lr"] = learning_rate
             self._adam.step()
             limit = s.sigma_change_max * self.sigma
             change = s.sigma_learning_rate * by_sigma
             self.sigma = self.sigma + torch.clamp(change, -limit, limit)
-            decayed = self.sigma_decay * self.sigma
+            decayed = s.sigma_decay * self.sigma
             self.sigma = torch.where(self.sigma > s.sigma_floor, decayed, self.sigma)
         else:
-            self.mu = self.mu + self.learning_rate * by_mu
+            self.mu = self.mu + learning_rate * by_mu
             # The paper does not say what keeps σ positive; a floor is the least that does.
-            self.sigma = torch.clamp(self.sigma + self.learning_rate * by_sigma, min=s.sigma_floor)
+            self.sigma = torch.clamp(self.sigma + learning_rate * by_sigma, min=s.sigma_floor)
         if not torch.isfinite(torch.stack([self.mu, self.sigma])).all():
             raise InputError(
                 f"the distribution is no longer finite after generation {self.generation}; use a "
@@ -201,7 +184,7 @@ class Reinforce:
         """Go on from a `state()`.
 
         Raises:
-            InputError: arrays missing, of other shapes or types, or not finite.
+            InputError: arrays missing, of other shapes or types, or out of all bounds.
         """
         expected = self.state()
         for name, array in expected.items():
@@ -213,6 +196,8 @@ class Reinforce:
                 or not np.isfinite(found).all()
             ):
                 raise InputError(f"the optimiser's state {name!r} is missing or damaged")
+        if state["generation"] < 0 or state["sigma"].min() <= 0 or state["adam_v"].min() < 0:
+            raise InputError("the optimiser's state is damaged")
         self.generation = int(state["generation"])
         self.mu = torch.from_numpy(state["mu"].copy())
         self.sigma = torch.from_numpy(state["sigma"].copy())

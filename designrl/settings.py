@@ -1,284 +1,179 @@
-"""All that decides a training run's result, as data."""
+"""All that decides a training run's result, as data; constant for a run."""
 
 import dataclasses
-import json
 from dataclasses import dataclass, field
 
 from designrl.errors import InputError
-from designrl.experiments import get_experiment
-
-
-@dataclass(frozen=True)
-class ReinforceSettings:
-    """What distinguishes the forms of the algorithm; each field's default is the published form."""
-
-    mirrored: bool = True
-    """Sample in pairs μ + ε, μ - ε; otherwise independently."""
-    ranks: bool = True
-    """Replace returns by centred ranks in [-0.5, 0.5]."""
-    weight_decay: float = 0.005
-    """Subtracted from a candidate's fitness: weight_decay · mean(w²)."""
-    decoupled_weight_decay: float = 0.0
-    """An update first multiplies μ by 1 - learning_rate · this, as AdamW does (Loshchilov and
-    Hutter 2019): unlike weight_decay it adds no noise and shrinks all weights alike."""
-    adam: bool = True
-    """Step μ with Adam (β 0.99, 0.999; ε 1e-8) on the pair-difference gradient; otherwise plain
-    gradient ascent on μ and σ (equation 4)."""
-    learning_rate: float = 0.01
-    """α of equation 4, or Adam's step size."""
-    sigma_start: float = 0.1
-    """σ of every parameter at the start."""
-    sigma_learning_rate: float = 0.2
-    """Step size of σ in the published rule; the plain form uses learning_rate for both."""
-    sigma_change_max: float = 0.2
-    """Largest relative change of a σ by one update of the published rule."""
-    sigma_decay: float = 0.9995
-    """Factor on every σ above sigma_floor after each update."""
-    sigma_floor: float = 0.02
-    """σ below this does not decay; the plain form never goes below it."""
-
-
-PUBLISHED = ReinforceSettings()
-PAPER = ReinforceSettings(
-    mirrored=False,
-    ranks=False,
-    weight_decay=0.0,
-    adam=False,
-    learning_rate=1e-4,  # the paper names α but gives no value
-    sigma_decay=1.0,
-)
-PRESETS = {"published": PUBLISHED, "paper": PAPER}
-
+from designrl.experiments import RECIPES, Experiment, get_experiment
 
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
 
-Schedule = tuple[tuple[int, float], ...]
-"""A number for each generation: ((0, 1), (600, 4)) is 1 from generation 0 on and 4 from 600 on."""
 
-COUNTS = ("population", "rollouts")
-RATES = ("learning_rate", "sigma_decay", "weight_decay", "decoupled_weight_decay")
-SCHEDULES = (*COUNTS, *RATES, "shaped_rewards")  # the settings that are schedules
+def _setting(default, help: str):  # noqa: A002 (argparse's name)
+    return field(default=default, metadata={"help": help})
 
 
-@dataclass(frozen=True)
-class TrainSettings:
-    """All that decides a run's result; the defaults are the paper's (section 4).
+@dataclass(frozen=True, kw_only=True)
+class ReinforceSettings:
+    """The optimiser's settings; each default is the published code's."""
 
-    Those in SCHEDULES are schedules; a plain number is taken for all generations.
+    mirrored: bool = _setting(True, "sample in pairs μ + ε, μ - ε; otherwise independently")
+    ranks: bool = _setting(True, "replace returns by centred ranks in [-0.5, 0.5]")
+    weight_decay: float = _setting(
+        0.005, "a candidate's mean squared weight, times this, is taken from its fitness"
+    )
+    adam: bool = _setting(
+        True,
+        "step μ with Adam (β 0.99, 0.999; ε 1e-8) on the pair-difference gradient; otherwise plain "
+        "gradient ascent on μ and σ (equation 4)",
+    )
+    learning_rate: float = _setting(0.01, "α of equation 4, or Adam's step size, at the start")
+    learning_rate_decay: float = _setting(1.0, "factor on the learning rate after each update")
+    learning_rate_floor: float = _setting(0.0, "the learning rate does not fall below this")
+    sigma_start: float = _setting(0.1, "σ of every parameter at the start")
+    sigma_learning_rate: float = _setting(
+        0.2, "step size of σ in the published rule; the plain form has one step size for both"
+    )
+    sigma_change_max: float = _setting(
+        0.2, "largest relative change of a σ by one update of the published rule"
+    )
+    sigma_decay: float = _setting(0.9995, "factor on every σ above the floor after each update")
+    sigma_floor: float = _setting(
+        0.02, "σ below this does not decay; the plain form never goes below it"
+    )
+
+    def learning_rate_at(self, generation: int) -> float:
+        """The step size of an update, counted from 0."""
+        rate = self.learning_rate
+        # Not by a power: its last bit depends on the machine's C library.
+        for _ in range(generation if self.learning_rate_decay != 1.0 else 0):
+            rate *= self.learning_rate_decay
+            if rate <= self.learning_rate_floor:
+                break
+        return max(rate, self.learning_rate_floor)
+
+
+# What the paper's text writes, in place of the published code's form (`--recipe plain`).
+PLAIN_CHANGES = {
+    "mirrored": False,
+    "ranks": False,
+    "weight_decay": 0.0,
+    "adam": False,
+    "learning_rate": 1e-4,  # the paper names α but gives no value
+    "sigma_decay": 1.0,
+}
+PUBLISHED = ReinforceSettings()
+PLAIN = ReinforceSettings(**PLAIN_CHANGES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainSettings(ReinforceSettings):
+    """All that decides a run's result.
+
+    Raises:
+        InputError: a value out of its range.
     """
 
     experiment: str
-    seed: int = field(default=0, metadata={"help": "of everything random"})
-    generations: int | None = field(
-        default=None,
-        metadata={
-            "help": "updates of the distribution; the last one is always evaluated (default: the "
-            "paper's)"
-        },
+    seed: int = _setting(0, "of everything random")
+    generations: int = _setting(
+        1000, "updates of the distribution; the last one is always evaluated"
     )
-    population: Schedule = field(
-        default=((0, 192),),
-        metadata={
-            "help": "candidates per generation; or, to change it on the way, "
-            "FIRST,GENERATION:NEXT,... as in 16,600:64 (64 from generation 600 on, counted from 0)"
-        },
+    population: int = _setting(192, "candidates per generation")
+    rollouts: int = _setting(16, "episodes per candidate")
+    shaped_rewards: bool = _setting(
+        False,
+        "walkers, in training only: a fall costs nothing and a solved episode earns 100 more, as "
+        "in the published code",
     )
-    rollouts: Schedule = field(
-        default=((0, 16),),
-        metadata={"help": "episodes per candidate; or a schedule, likewise"},
+    evaluate_every: int = _setting(25, "generations between evaluations")
+    evaluation_episodes: int | None = _setting(
+        None, "episodes of an evaluation (default: population times rollouts)"
     )
-    preset: str = field(
-        default="published",
-        metadata={
-            "type": str,
-            "help": "form of REINFORCE: the published code's, or the paper's plain one ('paper')",
-        },
+    keep: str = _setting(
+        "best",
+        "what is evaluated and kept: the generation's best candidate ('best', as published) or the "
+        "distribution's mean ('mean')",
     )
-    sigma_start: float | None = field(
-        default=None, metadata={"type": float, "help": "σ at the start (default: the preset's)"}
-    )
-    sigma_decay: Schedule | None = field(
-        default=None,
-        metadata={
-            "help": "factor on σ per update, above 1 to widen it; or a schedule, likewise "
-            "(default: the preset's)"
-        },
-    )
-    learning_rate: Schedule | None = field(
-        default=None,
-        metadata={"help": "step size of μ; or a schedule, likewise (default: the preset's)"},
-    )
-    weight_decay: Schedule | None = field(
-        default=None,
-        metadata={
-            "help": "a candidate's mean squared weight, times this, is taken from its fitness; or "
-            "a schedule, likewise (default: the preset's)"
-        },
-    )
-    decoupled_weight_decay: Schedule | None = field(
-        default=None,
-        metadata={
-            "help": "every update first multiplies μ by 1 - learning rate × this, as AdamW does; "
-            "or a schedule, likewise (default: 0, the published code has none)"
-        },
-    )
-    shaped_rewards: Schedule = field(
-        default=((0, 1),),
-        metadata={
-            "help": "walkers, in training only: 1, a fall costs nothing and a solved episode earns "
-            "100 more, as in the published code; 0, the environment's rewards, as in the paper's "
-            "text; or a schedule, likewise"
-        },
-    )
-    evaluate_every: int = field(default=25, metadata={"help": "generations between evaluations"})
-    keep: str = field(
-        default="best",
-        metadata={
-            "type": str,
-            "help": "what is evaluated and kept: the generation's best candidate ('best', as "
-            "published) or the distribution's mean ('mean')",
-        },
-    )
-    evaluation_episodes: int | None = field(
-        default=None,
-        metadata={"help": "episodes of an evaluation (default: population times rollouts)"},
-    )
+
+    @classmethod
+    def of(cls, experiment: str | Experiment, recipe: str = "paper", **changes) -> "TrainSettings":
+        """The settings of an experiment's recipe, with some changed.
+
+        Args:
+            recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": what our
+                published runs have; "plain": the paper's numbers and equations 3 to 5 as written.
+
+        Raises:
+            InputError: unknown experiment or recipe, or a value out of its range.
+        """
+        found = get_experiment(experiment)
+        if recipe not in (*RECIPES, "plain"):
+            raise InputError(f"recipe is {recipe!r}; it must be one of {', '.join(RECIPES)}, plain")
+        base = {**found.paper, **PLAIN_CHANGES} if recipe == "plain" else getattr(found, recipe)
+        return cls(experiment=found.name, **{**base, **changes})
 
     def __post_init__(self):
         experiment = get_experiment(self.experiment)
-        if self.generations is None:
-            object.__setattr__(self, "generations", experiment.generations)
-        if self.preset not in PRESETS:
-            raise InputError(f"preset is {self.preset!r}; it must be one of {', '.join(PRESETS)}")
         if self.keep not in ("best", "mean"):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
-        for name in RATES:
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, getattr(PRESETS[self.preset], name))
-        for name in SCHEDULES:
-            schedule = as_schedule(getattr(self, name))
-            object.__setattr__(self, name, schedule)
-            starts = [start for start, _ in schedule]
-            if not starts or starts[0] != 0 or starts != sorted(set(starts)):
-                raise InputError(f"the schedule of {name} must start at generation 0 and go up")
-        for name, value in (
-            ("generations", self.generations),
-            ("population", min(count for _, count in self.population)),
-            ("rollouts", min(count for _, count in self.rollouts)),
-            ("evaluate-every", self.evaluate_every),
-            ("evaluation-episodes", self.evaluation_episodes),
+        if self.shaped_rewards and experiment.shaping is None:
+            raise InputError(f"{experiment.name} has no shaped rewards; leave out shaped-rewards")
+        for name, low, high in (
+            ("seed", 0, None),
+            ("generations", 1, None),
+            ("population", 1, None),
+            ("rollouts", 1, None),
+            ("evaluate_every", 1, None),
+            ("weight_decay", 0, 10_000),
+            ("learning_rate_floor", 0, 10),
         ):
-            if value is not None and value < 1:
-                raise InputError(f"{name} is {value}; it must be at least 1")
-        population, rollouts = (max(n for _, n in getattr(self, name)) for name in COUNTS)
+            self._check(name, low, high)
+        if self.evaluation_episodes is not None:
+            self._check("evaluation_episodes", 1, None)
+        for name in ("sigma_start", "sigma_decay", "learning_rate", "learning_rate_decay"):
+            self._check(name, 0, 10, above=True)
         for episodes, what in (
-            (population * rollouts, "a generation (population times rollouts)"),
+            (self.population * self.rollouts, "a generation (population times rollouts)"),
             (self.evaluation_episodes or 1, "an evaluation"),
         ):
             if episodes > MAX_EPISODES:
                 raise InputError(
                     f"{what} would be {episodes:,} episodes; it can be at most {MAX_EPISODES:,}"
                 )
-        for name, value in (
-            ("sigma_start", self.sigma_start),
-            *(("sigma_decay", value) for _, value in self.sigma_decay),
-            *(("learning_rate", value) for _, value in self.learning_rate),
-        ):
-            if value is not None and not 0 < value <= 10:  # false for NaN, too
-                raise InputError(
-                    f"{name.replace('_', '-')} is {value}; it must be above 0 and at most 10"
-                )
-        for _, value in self.weight_decay:
-            if not 0 <= value <= 10_000:
-                raise InputError(f"weight-decay is {value}; it must be from 0 to 10000")
-        fastest = max(value for _, value in self.learning_rate)
-        for _, value in self.decoupled_weight_decay:
-            if not 0 <= value * fastest <= 1:
-                raise InputError(
-                    f"decoupled-weight-decay is {value}; times the learning rate ({fastest:g}) it "
-                    "must be from 0 to 1"
-                )
-        for _, value in self.shaped_rewards:
-            if value not in (0, 1):
-                raise InputError(f"shaped-rewards is {value}; it must be 0 or 1")
-        if self.seed < 0:
-            raise InputError(f"the seed is {self.seed}; it must be at least 0")
 
-    @property
-    def reinforce(self) -> ReinforceSettings:
-        """The preset with this run's changes."""
-        changes = {name: self.at(name, 0) for name in RATES}
-        if self.sigma_start is not None:
-            changes["sigma_start"] = self.sigma_start
-        return dataclasses.replace(PRESETS[self.preset], **changes)
-
-    def at(self, name: str, generation: int) -> int | float:
-        """What one of the SCHEDULES says of a generation, counted from 0."""
-        return _at(getattr(self, name), generation)
+    def _check(self, name: str, low: float, high: float | None, above: bool = False) -> None:
+        value = getattr(self, name)
+        # Written so that NaN is refused, too.
+        if (value > low if above else value >= low) and (high is None or value <= high):
+            return
+        least = f"above {low}" if above else f"at least {low}"
+        most = "" if high is None else f" and at most {high}"
+        raise InputError(f"{name.replace('_', '-')} is {value}; it must be {least}{most}")
 
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""
-        return json.loads(json.dumps(dataclasses.asdict(self)))
+        return dataclasses.asdict(self)
 
-    def command(self, with_defaults: bool = True) -> str:
-        """A command that gives this run's result, with a folder and workers of one's own."""
-        words = [f"designrl train {self.experiment}", f"--seed {self.seed}"]
-        default = TrainSettings(self.experiment)
-        for name, value in vars(self).items():
-            if name in ("experiment", "seed") or value is None:
-                continue
-            if with_defaults or value != getattr(default, name):
-                text = format_schedule(value) if name in SCHEDULES else value
-                words.append(f"--{name.replace('_', '-')} {text}")
-        return " ".join(words)
-
-
-def as_schedule(value) -> Schedule:
-    """A plain number, or pairs as JSON gives them, as a schedule."""
-    pairs = ((0, value),) if isinstance(value, int | float) else value
-    return tuple((int(start), n if isinstance(n, float) else int(n)) for start, n in pairs)
+    def command(self) -> str:
+        """The shortest command that gives this run's result."""
+        found = []
+        for recipe in (*RECIPES, "plain"):
+            base = TrainSettings.of(self.experiment, recipe, seed=self.seed)
+            words = [f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"]
+            words += [
+                option(name, value)
+                for name, value in vars(self).items()
+                if value != getattr(base, name)
+            ]
+            found.append(words)
+        return " ".join(min(found, key=len))
 
 
-def _at(schedule: Schedule, generation: int) -> int | float:
-    return [n for start, n in schedule if start <= generation][-1]
-
-
-def same_until(one: Schedule, other: Schedule, generation: int) -> bool:
-    """Whether two schedules agree in all generations before this one."""
-    changes = {start for start, _ in (*one, *other) if start < generation}
-    return all(_at(one, start) == _at(other, start) for start in changes)
-
-
-def format_schedule(schedule) -> str:
-    """((0, 1), (600, 4)) -> "1,600:4", as the command line takes it."""
-    return ",".join(
-        str(count) if start == 0 else f"{start}:{count}" for start, count in as_schedule(schedule)
-    )
-
-
-def describe_schedule(schedule, generations: int) -> str:
-    """((0, 1), (600, 4)) -> "1, 4 from generation 600"; what comes after so many is left out."""
-    return ", ".join(
-        f"{count} from generation {start}" if start else str(count)
-        for start, count in as_schedule(schedule)
-        if start == 0 or start < generations
-    )
-
-
-def parse_schedule(name: str, text: str) -> Schedule:
-    """ "16" -> ((0, 16),); "1,600:4" -> ((0, 1), (600, 4)).
-
-    Raises:
-        InputError: not of that form; it names the setting.
-    """
-    try:
-        first, *later = text.split(",")
-        number = float if name in RATES else int
-        pairs = [item.split(":") for item in later]
-        return ((0, number(first)), *((int(start), number(n)) for start, n in pairs))
-    except ValueError:
-        option, example = name.replace("_", "-"), "0.01,600:0.003" if name in RATES else "1,600:4"
-        raise InputError(
-            f"{option} is {text!r}; write a number, or FIRST,GENERATION:NEXT as in {example}"
-        ) from None
+def option(name: str, value) -> str:
+    """A setting as the command line takes it: "--rollouts 4", "--no-adam"."""
+    name = name.replace("_", "-")
+    if isinstance(value, bool):
+        return f"--{name}" if value else f"--no-{name}"
+    return f"--{name} {value}"

@@ -18,6 +18,7 @@ import time
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -28,22 +29,13 @@ from designrl.checkpoint import STATE_FORMAT
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
-from designrl.provenance import versions
+from designrl.provenance import processor, versions
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
-from designrl.settings import (
-    RATES,
-    SCHEDULES,
-    TrainSettings,
-    format_schedule,
-    same_until,
-)
-from designrl.simulation import CandidateError, EpisodeRules, Simulator
+from designrl.settings import TrainSettings
+from designrl.simulation import CandidateError, Simulator
 
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
-# May differ when a run is resumed: they say how long it goes and what is kept of it, but do not
-# change the course of its distribution.
-OBSERVING_SETTINGS = ("generations", "evaluate_every", "evaluation_episodes", "keep")
 RESULTS = ("best.safetensors", "generations.mcap", "rollouts")
 CANDIDATE_DECIMALS = 4  # the published code sends candidates to its workers in fixed point
 
@@ -52,24 +44,36 @@ _EPISODE_STREAM = 1
 _EVALUATION_KEY = (2**31,)
 
 
+class Optimiser(Protocol):
+    """What the training loop asks of an optimiser; `Reinforce` is one.
+
+    `state()` holds all that `restore` needs, as arrays; "mu" and "sigma" (P,) among them are what
+    is recorded of the distribution. The same state gives the same candidates.
+    """
+
+    def ask(self):
+        """(N, P) candidates; asking again before tell() gives the same ones."""
+
+    def tell(self, returns: np.ndarray) -> None:
+        """Update with the candidates' (N,) returns."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that `restore` needs."""
+
+    def restore(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from a `state()`; InputError where it does not fit."""
+
+
 @dataclass
 class _Progress:
     """What a run has reached; with the optimiser's state, all that a resume needs."""
 
+    generation: int = 0  # updates so far
     best_score: float | None = None
     best_generation: int | None = None
     total_steps: int = 0  # environment steps, evaluations included
     seconds: float = 0.0  # wall time
     cpu_seconds: float = 0.0  # processor time; for a pool of processes, wall time times workers
-
-
-def _processor() -> str:
-    """The processor, with its name where Linux tells it: core-hours mean little without."""
-    with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return f"{platform.machine()} {line.partition(':')[2].strip()}"
-    return platform.machine()
 
 
 class TrainingRun:
@@ -80,12 +84,15 @@ class TrainingRun:
         out: the run's folder.
         workers: processes or threads; they do not change the result.
         backend: "engine" or "reference".
-        resume: go on with the run that the folder holds.
+        resume: go on with the run that the folder holds; only `generations` may be larger than
+            before.
         ray: "local" or the address of a Ray cluster, to simulate there instead.
+        optimiser: one of your own, for as many candidates as `settings.population`; by default
+            `Reinforce` with the settings.
 
     Raises:
         InputError: the folder holds a run and `resume` is not set; or holds another run, or one
-            with other settings (but for OBSERVING_SETTINGS), or is in use.
+            with other settings, or is in use.
     """
 
     def __init__(
@@ -96,6 +103,7 @@ class TrainingRun:
         backend: str = "engine",
         resume: bool = False,
         ray: str | None = None,
+        optimiser: Optimiser | None = None,
     ):
         self.settings = settings
         self.experiment: Experiment = get_experiment(settings.experiment)
@@ -104,14 +112,9 @@ class TrainingRun:
         self.backend = backend
         self.ray = ray
         self._resume = resume
-        self.optimiser = Reinforce(
-            self.experiment.num_parameters,
-            settings.at("population", 0),
-            settings.reinforce,
-            settings.seed,
+        self.optimiser = optimiser or Reinforce(
+            self.experiment.num_parameters, settings.population, settings, settings.seed
         )
-        for _, population in settings.population:
-            self.optimiser.population = population  # refuses now what it would refuse later
         self.progress = _Progress()
         self._state_path = self.out / "state.safetensors"
         self._open()
@@ -134,14 +137,11 @@ class TrainingRun:
     @property
     def finished(self) -> bool:
         """All generations are done."""
-        return self.optimiser.generation >= self.settings.generations
+        return self.progress.generation >= self.settings.generations
 
     def candidates(self) -> np.ndarray:
         """(N, P) candidates of the next generation."""
-        generation = self.optimiser.generation
-        for name in ("population", *RATES):
-            setattr(self.optimiser, name, self.settings.at(name, generation))
-        return self.optimiser.ask().numpy().round(CANDIDATE_DECIMALS)
+        return np.asarray(self.optimiser.ask()).round(CANDIDATE_DECIMALS)
 
     def simulator(self) -> Simulator:
         """What simulates them, where this run is to be executed."""
@@ -168,7 +168,7 @@ class TrainingRun:
             self._train(simulator)
 
     def _train(self, simulator: Simulator) -> None:
-        generation = self.optimiser.generation
+        generation = self.progress.generation
         with (
             RunWriter(
                 self.out / "generations.mcap",
@@ -205,9 +205,9 @@ class TrainingRun:
 
     def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> None:
         start = time.perf_counter(), time.process_time()
-        settings, optimiser = self.settings, self.optimiser
-        index = optimiser.generation
-        mu, sigma = optimiser.mu.numpy().copy(), optimiser.sigma.numpy().copy()
+        settings, optimiser, progress = self.settings, self.optimiser, self.progress
+        index = progress.generation
+        before, _ = self._snapshot
         candidates = self.candidates()
         seeds = self._episode_seeds(index)
         done = 0
@@ -218,28 +218,30 @@ class TrainingRun:
             bar.set_postfix_str(f"{self._status} {done}/{seeds.size} episodes", refresh=False)
             bar.update(0)
 
-        shaped = bool(settings.at("shaped_rewards", index))
-        result = self._rollout(simulator, candidates, seeds, training=shaped, progress=show)
+        shaped = settings.shaped_rewards
+        result = self._rollout(simulator, candidates, seeds, shaped=shaped, progress=show)
         returns = result.returns.mean(axis=1)
         optimiser.tell(returns)
+        progress.generation += 1
         steps = int(result.steps.sum())
         self._account(simulator, start, steps)
         seconds = time.perf_counter() - start[0]
         recorder.generation(
             index=index,
-            mu=mu,
-            sigma=sigma,
+            mu=before["mu"],
+            sigma=before["sigma"],
             returns=result.returns,
             steps=result.steps,
             seeds=seeds,
-            seconds=self.progress.seconds,
-            total_steps=self.progress.total_steps,
+            seconds=progress.seconds,
+            cpu_seconds=progress.cpu_seconds,
+            total_steps=progress.total_steps,
         )
-        if optimiser.generation % settings.evaluate_every == 0 or self.finished:
-            mean = optimiser.mu.numpy().round(CANDIDATE_DECIMALS)
+        if progress.generation % settings.evaluate_every == 0 or self.finished:
+            mean = optimiser.state()["mu"].round(CANDIDATE_DECIMALS)
             best = candidates[np.argmax(returns)]
             self._evaluate(simulator, recorder, mean if settings.keep == "mean" else best)
-        best = "-" if self.progress.best_score is None else f"{self.progress.best_score:.1f}"
+        best = "-" if progress.best_score is None else f"{progress.best_score:.1f}"
         self._status = (
             f"mean {returns.mean():.1f} max {returns.max():.1f} best {best} "
             f"{steps / seconds:,.0f} steps/s"
@@ -252,17 +254,15 @@ class TrainingRun:
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
         """Score an agent as the published runs did; keep it if it is the best so far.
 
-        No reward of training but the factor for smaller legs, where the experiment has it.
+        With the environment's rewards, and the factor for smaller legs where training has it.
         """
         start = time.perf_counter(), time.process_time()
         settings, progress = self.settings, self.progress
-        generation = self.optimiser.generation
-        episodes = settings.evaluation_episodes or (
-            settings.at("population", generation - 1) * settings.at("rollouts", generation - 1)
-        )
+        generation = progress.generation
+        episodes = settings.evaluation_episodes or settings.population * settings.rollouts
         sequence = np.random.SeedSequence(settings.seed, spawn_key=_EVALUATION_KEY)
         seeds = sequence.generate_state(episodes).astype(np.int64)[None]
-        result = self._rollout(simulator, parameters[None], seeds, training=False)
+        result = self._rollout(simulator, parameters[None], seeds)
         score = float(result.returns.mean())
         kept = progress.best_score is None or score > progress.best_score
         self._account(simulator, start, int(result.steps.sum()))
@@ -292,13 +292,11 @@ class TrainingRun:
             progress.best_score, progress.best_generation = score, generation
             checkpoint.save(agent, self.out / "best.safetensors")
 
-    def _rollout(self, simulator: Simulator, candidates, seeds, training: bool, progress=None):
-        # The published runs evaluate, and choose what they keep, with the small-leg factor.
-        rules = EpisodeRules(training, leg_area_reward=self.experiment.leg_area_reward)
+    def _rollout(self, simulator: Simulator, candidates, seeds, shaped=False, progress=None):
         try:
-            return simulator.rollout(candidates, seeds, rules, progress)
+            return simulator.rollout(candidates, seeds, True, shaped, progress)
         except CandidateError as error:
-            generation = self.optimiser.generation
+            generation = self.progress.generation
             name = f"failed-generation{generation:05d}-candidate{error.index}.safetensors"
             path = self.out / name
             about = {
@@ -316,8 +314,8 @@ class TrainingRun:
 
     def _episode_seeds(self, generation: int) -> np.ndarray:
         """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
-        n, r = self.settings.at("population", generation), self.settings.at("rollouts", generation)
-        mirrored = self.settings.reinforce.mirrored
+        n, r = self.settings.population, self.settings.rollouts
+        mirrored = self.settings.mirrored
         rows = n // 2 if mirrored else n
         sequence = np.random.SeedSequence(
             self.settings.seed, spawn_key=(generation, _EPISODE_STREAM)
@@ -340,7 +338,7 @@ class TrainingRun:
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
             "versions": json.dumps(versions(), sort_keys=True),
-            "host": f"{platform.system()} {_processor()}, {os.cpu_count()} cores",
+            "host": f"{platform.system()} {processor()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
             "command": self.settings.command(),
             "workers": f"Ray {self.ray}" if self.ray else str(self.workers),
@@ -364,32 +362,17 @@ class TrainingRun:
         tensors, metadata = checkpoint.read_tensors(self._state_path, STATE_FORMAT)
         damaged = InputError(f"{self._state_path} is damaged; start again in another folder")
         try:
-            observing = {name: getattr(self.settings, name) for name in OBSERVING_SETTINGS}
-            found = TrainSettings(**{**metadata["settings"], **observing})
+            self._require_same_settings(metadata["settings"])
             progress = _Progress(**metadata["progress"])
-            if not all(v is None or math.isfinite(v) for v in vars(progress).values()):
+            numbers = [value for value in vars(progress).values() if value is not None]
+            if progress.generation < 0 or not all(map(math.isfinite, numbers)):
                 raise damaged
-        except (InputError, KeyError, TypeError, ValueError, OverflowError):
+        except (AttributeError, KeyError, TypeError, OverflowError):
             raise damaged from None
-        for name, theirs in vars(found).items():
-            ours = getattr(self.settings, name)
-            if name not in SCHEDULES and ours != theirs:
-                raise self._other_setting(name, repr(theirs), repr(ours))
         try:
             self.optimiser.restore(tensors)
         except InputError as error:
             raise InputError(f"{self._state_path} cannot be used: {error}") from None
-        generation = self.optimiser.generation
-        for name in SCHEDULES:
-            # What is still to come may be decided anew, with an eye on the learning curve.
-            theirs, ours = getattr(found, name), getattr(self.settings, name)
-            if not same_until(theirs, ours, generation):
-                past = f" up to generation {generation}"
-                raise self._other_setting(
-                    name, format_schedule(theirs), format_schedule(ours), past
-                )
-        if generation < 0 or tensors["sigma"].min() <= 0 or tensors["adam_v"].min() < 0:
-            raise damaged
         if progress.best_score is not None and not (self.out / "best.safetensors").exists():
             raise InputError(
                 f"{self.out} has lost its best.safetensors, kept at generation "
@@ -397,11 +380,15 @@ class TrainingRun:
             )
         self.progress = progress
 
-    def _other_setting(self, name: str, found: str, wanted: str, when: str = "") -> InputError:
-        return InputError(
-            f"{self.out} holds a run with {name} = {found}, not {wanted}; resume with the same "
-            f"settings{when}, or choose another folder with --out"
-        )
+    def _require_same_settings(self, found: dict) -> None:
+        for name, ours in self.settings.as_dict().items():
+            theirs = found.get(name)
+            if theirs == ours or name == "generations" and theirs < ours:
+                continue
+            raise InputError(
+                f"{self.out} holds a run with {name} = {theirs!r}, not {ours!r}; resume with the "
+                "same settings, or choose another folder with --out"
+            )
 
     def _remove_leftovers(self) -> None:
         """Remove the half-written files of a run that was killed."""

@@ -60,11 +60,11 @@ def run_here(
         except InputError:
             raise
         except Exception as error:
-            raise TaskError(index, _words(error)) from error
+            raise TaskError(index, _one_line(error)) from error
         yield index, result
 
 
-def _words(error: BaseException) -> str:
+def _one_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".replace("\n", " ")[:300]
 
 
@@ -160,7 +160,7 @@ def _serve(pipe: connection.Connection) -> None:
         except InputError as error:
             answer = "refused", error
         except Exception as error:
-            answer = "failed", f"raised {_words(error)}"
+            answer = "failed", f"raised {_one_line(error)}"
         pipe.send(answer)
 
 
@@ -277,7 +277,7 @@ class _RayWorker:
         except InputError as error:
             return "refused", str(error)
         except Exception as error:
-            return "failed", f"raised {_words(error)}"
+            return "failed", f"raised {_one_line(error)}"
 
 
 def _check_reachable(address: str) -> None:
@@ -286,7 +286,7 @@ def _check_reachable(address: str) -> None:
         socket.create_connection((host, int(port)), timeout=10).close()
     except (OSError, ValueError, OverflowError) as error:
         raise InputError(
-            f"no Ray cluster at {address} ({_words(error)}); write HOST:PORT, or auto"
+            f"no Ray cluster at {address} ({_one_line(error)}); write HOST:PORT, or auto"
         ) from None
 
 
@@ -320,7 +320,7 @@ class RayWorkers(_Workers):
         try:
             ray.init(**where, log_to_driver=False, logging_level="ERROR")
         except (ConnectionError, ValueError, RuntimeError) as error:
-            raise InputError(f"no Ray cluster at {address} ({_words(error)})") from None
+            raise InputError(f"no Ray cluster at {address} ({_one_line(error)})") from None
         finally:
             if threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGTERM, polite_kill)  # Ray has put its own in place
@@ -397,8 +397,8 @@ class RayWorkers(_Workers):
             self._failed_starts += 1
             if self._failed_starts >= MAX_FAILURES and not self._idle and not self._busy:
                 raise InputError(
-                    f"no worker starts on the Ray cluster ({_words(error)}); install this version "
-                    "of designrl on its nodes"
+                    f"no worker starts on the Ray cluster ({_one_line(error)}); install this "
+                    "version of designrl on its nodes"
                 ) from None
             return
         if sources != sources_hash():

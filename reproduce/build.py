@@ -3,32 +3,36 @@
     python -m reproduce.build                  all of them (`make reproduce`)
     python -m reproduce.build table3 figure1   these (`make reproduce-table3`, ...)
 
-Each item is one module of this package with `reads()`, the files that it depends on, and `main()`,
-which writes its files and returns their paths. What an item read and wrote is kept by SHA-256: in
-paper/inputs/NAME.json, committed with the outputs, so that a test can tell whether they belong
-together; and in .cache/reproduce/, which says what was made on this machine. An item is made again
-when a file that it reads, its source, or the code that scores depend on has changed.
+Each item is one module of this package. READS names the experiments whose scores it shows, or
+`reads()` the files that it depends on; `tables()`, `figures()` (name -> figure) or `main()` (which
+writes its files itself and returns their paths) makes it. What an item read and wrote stands, by
+SHA-256, in paper/inputs/NAME.json, committed with the outputs, so that a test can tell whether they
+belong together. An item is made again when one of these files has changed, or on this machine
+(.cache/reproduce/) the code or a library.
 """
 
-import ast
 import importlib
 import importlib.metadata
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
 from tqdm import tqdm
 
+from designrl.errors import InputError
 from designrl.files import file_hash, write_atomically
-from reproduce import scores
+from designrl.provenance import sources_hash
+from reproduce import drawing, scores
 
-PACKAGE = Path(__file__).parent
 ITEMS = (
     *("table1", "table2", "table3", "table4", "statistics"),
     *("figure1", "figure2", "figure3", "figure4", "figure5", "figure6", "figure7"),
-    "report",  # last: it shows all the others
+    *("readme", "report"),  # last: they show the others
 )
+# People write in the first, git does not keep the second: neither belongs to a committed manifest.
+NOT_COMMITTED = ("README.md", "paper/report.html")
 
 
 def load(name: str) -> ModuleType:
@@ -36,23 +40,12 @@ def load(name: str) -> ModuleType:
     return importlib.import_module(f"reproduce.{name}")
 
 
-def sources(module: ModuleType) -> list[Path]:
-    """The source of a module and of those of this package that it imports."""
-    found, left = set(), [Path(module.__file__)]
-    while left:
-        path = left.pop()
-        if path in found:
-            continue
-        found.add(path)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("reproduce"):
-                names = [node.module, *(f"reproduce.{alias.name}" for alias in node.names)]
-                files = (PACKAGE.parent / f"{name.replace('.', '/')}.py" for name in names)
-                left += [file for file in files if file.is_file()]
-    return sorted(found)
+def reads(module: ModuleType) -> list[Path]:
+    """The files that an item depends on."""
+    return module.reads() if hasattr(module, "reads") else scores.read_for(*module.READS)
 
 
-def hashes(paths: list[Path]) -> dict[str, str]:
+def hashes(paths: Iterable[Path]) -> dict[str, str]:
     """Path as a reader of the repository would write it -> SHA-256; "missing" where it is not."""
     return {
         scores.shown(path): file_hash(path) if path.is_file() else "missing"
@@ -60,15 +53,15 @@ def hashes(paths: list[Path]) -> dict[str, str]:
     }
 
 
-def inputs(module: ModuleType) -> dict[str, str]:
-    """Hashes of all that an item reads, its own source included."""
-    return hashes([*module.reads(), *sources(module)])
+def code() -> dict[str, str]:
+    """Hashes of the code that makes the items."""
+    return hashes(Path(__file__).parent.glob("*.py")) | {"designrl": sources_hash()}
 
 
 def used_versions() -> dict[str, str]:
     """Versions of what an item's content can change with."""
-    drawing = {name: importlib.metadata.version(name) for name in ("matplotlib", "pillow")}
-    return scores.used_versions() | drawing
+    drawn = {name: importlib.metadata.version(name) for name in ("matplotlib", "pillow")}
+    return scores.used_versions() | drawn
 
 
 def manifest(name: str) -> Path:
@@ -76,69 +69,55 @@ def manifest(name: str) -> Path:
     return scores.output_folder() / "inputs" / f"{name}.json"
 
 
-def make(name: str, always: bool = False) -> list[Path] | None:
-    """Make an item; None where it is up to date (never with `always`), else what was written."""
+def write(module: ModuleType) -> list[Path]:
+    """Make an item; returns its files."""
+    if hasattr(module, "tables"):
+        return [path for table in module.tables() for path in table.write()]
+    if hasattr(module, "figures"):
+        drawn = module.figures().items()
+        return [path for name, figure in drawn for path in drawing.save(figure, name)]
+    return module.main()
+
+
+def make(name: str) -> list[Path] | None:
+    """Make an item; None where it is up to date, else what was written."""
     module = load(name)
-    read = inputs(module)
-    made_here = scores.ROOT / ".cache" / "reproduce" / scores.output_folder().name / f"{name}.json"
-    if not always and made_here.exists():
-        kept = json.loads(made_here.read_text(encoding="utf-8"))
-        same = kept["inputs"] == read and kept["versions"] == used_versions()
-        if same and hashes([scores.ROOT / path for path in kept["outputs"]]) == kept["outputs"]:
+    state = {"versions": used_versions(), "inputs": hashes(reads(module))}
+    here = scores.ROOT / ".cache" / "reproduce" / scores.output_folder().name / f"{name}.json"
+    if here.exists():
+        kept = json.loads(here.read_text(encoding="utf-8"))
+        same = kept == state | {"code": code(), "outputs": kept["outputs"]}
+        if same and hashes(scores.ROOT / path for path in kept["outputs"]) == kept["outputs"]:
             return None
-    written = module.main()
-    state = {
-        "command": f"make reproduce-{name}",
-        "versions": used_versions(),
-        "inputs": read,
-        "outputs": hashes(written),
-    }
-    text = json.dumps(state, indent=1).encode() + b"\n"
-    write_atomically(manifest(name), text)
-    write_atomically(made_here, text)
+    written = write(module)
+    outputs = hashes(written)
+    local = state | {"code": code(), "outputs": outputs}
+    committed = {path: sha256 for path, sha256 in outputs.items() if path not in NOT_COMMITTED}
+    committed = {"command": f"make reproduce-{name}"} | state | {"outputs": committed}
+    for path, content in ((manifest(name), committed), (here, local)):
+        write_atomically(path, json.dumps(content, indent=1).encode() + b"\n")
     return written
 
 
-def command(name: str) -> None:
-    """What `python -m reproduce.NAME` does: make it, whether it is up to date or not."""
-    show(make(name, always=True))
-
-
-def show(paths: list[Path]) -> None:
-    """Print the Markdown among the files, name the others."""
-    for path in paths:
-        if path.suffix == ".md" and path.parent.name == "tables":
-            print(path.read_text(encoding="utf-8"))
-    print("written:", ", ".join(scores.shown(path) for path in paths))
-
-
 def main(names: list[str]) -> None:
-    """Make the named items, or all."""
+    """Make the named items, or all; of a single one, print its tables."""
     unknown = [name for name in names if name not in ITEMS]
     if unknown:
         sys.exit(f"reproduce: there is no {unknown[0]!r}; there are {', '.join(ITEMS)}")
-    made = 0
     with tqdm(names or ITEMS, unit="item", disable=len(names) == 1, dynamic_ncols=True) as bar:
         for name in bar:
             bar.set_postfix_str(name)
             written = make(name)
-            made += written is not None
-            if len(names) != 1:
-                if written:
-                    tqdm.write(f"{name}: {', '.join(scores.shown(path) for path in written)}")
-            elif written is None:
-                show([path for path in outputs(name) if path.suffix == ".md"])
-                print(f"{name} is up to date")
-            else:
-                show(written)
-    if len(names) != 1:
-        print(f"{made} made, {len(names or ITEMS) - made} up to date")
-
-
-def outputs(name: str) -> list[Path]:
-    """The files of an item that is up to date."""
-    return [scores.ROOT / path for path in json.loads(manifest(name).read_text())["outputs"]]
+            if len(names) == 1:
+                for path in json.loads(manifest(name).read_text(encoding="utf-8"))["outputs"]:
+                    if "tables/" in path and path.endswith(".md"):
+                        print((scores.ROOT / path).read_text(encoding="utf-8"))
+            files = ", ".join(scores.shown(path) for path in written or ())
+            tqdm.write(f"{name}: {files or 'up to date'}")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except InputError as error:
+        sys.exit(f"reproduce: {error}")

@@ -2,30 +2,26 @@
 
 Reads the checkpoints of both experiments in pretrained/; with ZOO=path the author's weights
 instead.
-Writes paper/figures/figure1.svg, .pdf and .png.
 
     make reproduce-figure1
 """
 
-from pathlib import Path
+from matplotlib.figure import Figure
 
-from reproduce import build, drawing, scores
+from reproduce import drawing
 
-ROWS = [
-    ("Original body", "biped-hardcore", 0),
-    ("Learned body", "biped-hardcore-morphology", 0),
-]
-
-
-def reads() -> list[Path]:
-    """The files that the figure depends on."""
-    return scores.read_for(*(experiment for _, experiment, _ in ROWS))
-
-
-def main() -> list[Path]:
-    """Draw the figure; returns its files."""
-    return drawing.strips("figure1", ROWS)
+CAPTIONS = {
+    "figure1": (
+        "Figure 1",
+        "Hardcore terrain: the original body above, the learned one below; several moments of one "
+        "rollout each, on the terrain of the same seed, drawn from the environment's shapes. The "
+        "rollout is the one closest to both agents' medians over the evaluation.",
+    )
+}
+READS = ("biped-hardcore", "biped-hardcore-morphology")
+LABELS = ("Original body", "Learned body")
 
 
-if __name__ == "__main__":
-    build.command("figure1")
+def figures() -> dict[str, Figure]:
+    """The figure."""
+    return {"figure1": drawing.strips(READS, LABELS)}

@@ -2,12 +2,10 @@
 
 The pictures are PyBullet's, as the environment renders them; the diagrams show the legs stretched
 out flat, from above. Reads the checkpoints of both experiments in pretrained/; with ZOO=path the
-author's weights instead. Writes paper/figures/figure3.svg, .pdf and .png.
+author's weights instead.
 
     make reproduce-figure3
 """
-
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -16,49 +14,34 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-from designrl.bodies.ant import ANT, ANT_LEGS, ANT_PARTS, TORSO_RADIUS, leg_capsules
-from designrl.experiments import EXPERIMENTS
-from reproduce import build, drawing, scores
+from designrl.bodies.ant import ANT, ANT_LEGS, TORSO_RADIUS, leg_capsules
+from reproduce import drawing, scores
 from reproduce.scores import Score
 
-ROWS = [("Original body", "ant"), ("Learned body", "ant-morphology")]
+CAPTIONS = {
+    "figure3": (
+        "Figure 3",
+        "The ant: moments of one rollout as the environment renders them, original body above, "
+        "learned body below; then both bodies from above with the legs stretched out flat.",
+    )
+}
+READS = ("ant", "ant-morphology")
+LABELS = ("Original body", "Learned body")
 STEPS = (150, 155, 160, 165, 170)  # moments of a stride or two
 CROP = (slice(60, 440), slice(90, 550))  # of the environment's 480 x 640 pictures
 COLOURS = {"top": "#4C4C5C", "middle": drawing.LEARNED, "bottom": "#E69F00"}
 
 
-def reads() -> list[Path]:
-    """The files that the figure depends on."""
-    return scores.read_for(*(experiment for _, experiment in ROWS))
-
-
-def printed_design() -> np.ndarray:
-    """(36,) scales of Table 1's body; it prints lengths alone, so dx and dy share a scale."""
-    printed = scores.paper()["table1"]
-    legs = []
-    for leg in range(len(ANT_LEGS)):
-        lengths, radii = zip(*(printed[part][leg] for part in ANT_PARTS), strict=True)
-        legs += [*np.repeat(lengths, 2), *radii]
-    return np.clip(np.array(legs) / 100, 0.25, 1.75)
-
-
-def pictures(experiment: str, body: np.ndarray, s: Score | None) -> list[np.ndarray]:
-    """The environment's pictures at STEPS of one rollout; without an agent, one of the start."""
-    env_id = EXPERIMENTS[experiment].env_id
-    env = gymnasium.make(env_id, design=body, render_mode="rgb_array", disable_env_checker=True)
-    seed = drawing.typical_seed(s)
-    observation, _ = env.reset(seed=seed)
+def pictures(s: Score) -> list[np.ndarray]:
+    """The environment's pictures at STEPS of one rollout."""
+    env_id = s.agent.experiment.env_id
+    env = gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
     taken = []
-    if s is None:
-        taken.append(env.render()[CROP])
-    else:
-        s.agent.reset(seed)
-        for step in range(STEPS[-1]):
-            observation, _, terminated, truncated, _ = env.step(s.agent.act(observation, step))
-            if terminated or truncated:
-                break
-            if step + 1 in STEPS:
-                taken.append(env.render()[CROP])
+    for step in s.agent.play(env, drawing.typical_seed(s)):
+        if step.t + 1 in STEPS:
+            taken.append(env.render()[CROP])
+        if step.t + 1 == STEPS[-1]:
+            break
     env.close()
     return taken
 
@@ -94,37 +77,30 @@ def capsule(axes: Axes, start, end, radius: float, colour: str) -> None:
     )
 
 
-def main() -> list[Path]:
-    """Draw the figure; returns its files."""
+def figures() -> dict[str, Figure]:
+    """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 4.6), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=[2.4, 2.1])
     strips = above.subplots(2, 1)
     diagrams = below.subplots(1, 2)
-    for strip, plan, (label, experiment) in zip(strips, diagrams, ROWS, strict=True):
+    for strip, plan, label, experiment in zip(strips, diagrams, LABELS, READS, strict=True):
         s = scores.representative(experiment)
-        learned = EXPERIMENTS[experiment].design is not None
-        body = s.agent.body if s else printed_design() if learned else np.ones(ANT.design.size)
-        title = f"{label}: no checkpoint of ours yet; the paper's design, at the start"
-        if s:
-            title = (
-                f"{label}: {s.mean:.0f} ± {s.std:.0f} over {scores.EPISODES} rollouts "
-                f"({drawing.source_of(s)})"
-            )
-        strip.set_title(title)
         strip.set_axis_off()
-        taken = pictures(experiment, body, s)
-        height, width, _ = taken[0].shape
-        for i, picture in enumerate(taken):
+        if s is None:
+            strip.set_title(f"{label}: no checkpoint yet")
+            plan.set_axis_off()
+            continue
+        strip.set_title(
+            f"{label}: {s.mean:.0f} ± {s.std:.0f} over {scores.EPISODES} rollouts "
+            f"({drawing.source_of(s)})"
+        )
+        for i, picture in enumerate(pictures(s)):
+            height, width, _ = picture.shape
             strip.imshow(picture, extent=(i * width, (i + 0.98) * width, 0, height))
-            if s:
-                text = f"{STEPS[i] * ANT.time_step:.2f} s"
-                strip.text((i + 0.04) * width, 0.95 * height, text, va="top", fontsize=7)
+            text = f"{STEPS[i] * ANT.time_step:.2f} s"
+            strip.text((i + 0.04) * width, 0.95 * height, text, va="top", fontsize=7)
         strip.set_xlim(0, len(STEPS) * width)
         strip.set_ylim(0, height)
-        diagram(plan, body)
-        plan.set_title(f"{label}, from above" + ("" if s else " (the paper's)"))
-    return drawing.save(figure, "figure3")
-
-
-if __name__ == "__main__":
-    build.command("figure3")
+        diagram(plan, s.agent.scales)
+        plan.set_title(f"{label}, from above")
+    return {"figure3": figure}

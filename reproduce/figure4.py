@@ -2,30 +2,24 @@
 
 Reads the checkpoints of both experiments in pretrained/; with ZOO=path the author's weights
 instead.
-Writes paper/figures/figure4.svg, .pdf and .png.
 
     make reproduce-figure4
 """
 
-from pathlib import Path
+from matplotlib.figure import Figure
 
-from reproduce import build, drawing, scores
+from reproduce import drawing
 
-ROWS = [
-    ("Original body", "biped", 0),
-    ("Learned body", "biped-morphology", 0),
-]
-
-
-def reads() -> list[Path]:
-    """The files that the figure depends on."""
-    return scores.read_for(*(experiment for _, experiment, _ in ROWS))
-
-
-def main() -> list[Path]:
-    """Draw the figure; returns its files."""
-    return drawing.strips("figure4", ROWS)
+CAPTIONS = {
+    "figure4": (
+        "Figure 4",
+        "Flat terrain: the original body above, the learned one below.",
+    )
+}
+READS = ("biped", "biped-morphology")
+LABELS = ("Original body", "Learned body")
 
 
-if __name__ == "__main__":
-    build.command("figure4")
+def figures() -> dict[str, Figure]:
+    """The figure."""
+    return {"figure4": drawing.strips(READS, LABELS)}

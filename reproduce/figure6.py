@@ -2,30 +2,24 @@
 
 Reads the checkpoints of both experiments in pretrained/; with ZOO=path the author's weights
 instead.
-Writes paper/figures/figure6.svg, .pdf and .png.
 
     make reproduce-figure6
 """
 
-from pathlib import Path
+from matplotlib.figure import Figure
 
-from reproduce import build, drawing, scores
+from reproduce import drawing
 
-ROWS = [
-    ("Smaller legs", "biped-morphology-smaller-leg", 0),
-    ("Smaller legs, hardcore", "biped-hardcore-morphology-smaller-leg", 0),
-]
-
-
-def reads() -> list[Path]:
-    """The files that the figure depends on."""
-    return scores.read_for(*(experiment for _, experiment, _ in ROWS))
-
-
-def main() -> list[Path]:
-    """Draw the figure; returns its files."""
-    return drawing.strips("figure6", ROWS)
+CAPTIONS = {
+    "figure6": (
+        "Figure 6",
+        "Walkers rewarded for smaller legs, on flat terrain above, hardcore below.",
+    )
+}
+READS = ("biped-morphology-smaller-leg", "biped-hardcore-morphology-smaller-leg")
+LABELS = ("Smaller legs", "Smaller legs, hardcore")
 
 
-if __name__ == "__main__":
-    build.command("figure6")
+def figures() -> dict[str, Figure]:
+    """The figure."""
+    return {"figure6": drawing.strips(READS, LABELS)}

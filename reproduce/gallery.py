@@ -27,21 +27,13 @@ FIRST, EVERY = 60, 3  # steps: where the picture starts, and from one frame to t
 
 def rollout(s: Score) -> tuple[list[Image.Image], float]:
     """Pictures of a stretch of one typical rollout, and how many ms each is to be shown."""
-    env = gymnasium.make(
-        s.agent.experiment.env_id,
-        design=s.agent.body,
-        render_mode="rgb_array",
-        disable_env_checker=True,
-    )
-    seed = typical_seed(s)
-    s.agent.reset(seed)
-    observation, _ = env.reset(seed=seed)
+    env_id = s.agent.experiment.env_id
+    env = gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
     frames = []
-    for step in range(FIRST + FRAMES * EVERY):
-        observation, _, terminated, truncated, _ = env.step(s.agent.act(observation, step))
-        if terminated or truncated:
+    for step in s.agent.play(env, typical_seed(s)):
+        if step.t == FIRST + FRAMES * EVERY:
             break
-        if step >= FIRST and (step - FIRST) % EVERY == 0:
+        if step.t >= FIRST and (step.t - FIRST) % EVERY == 0:
             picture = Image.fromarray(np.ascontiguousarray(env.render()))
             height = round(picture.height * WIDTH / picture.width)
             frames.append(picture.resize((WIDTH, height), Image.Resampling.LANCZOS))

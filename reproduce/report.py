@@ -1,187 +1,92 @@
 """The report: all tables and figures, what they rest on, where we differ, what it cost.
 
-Reads report_template.md, the tables and figures with their manifests (paper/inputs/), pretrained/
-and logs/. Writes paper/report.md, and paper/report.html: one file with all pictures inside, which
-git does not keep.
+Reads report_template.md, the figures, pretrained/ and logs/. Writes paper/report.md, and
+paper/report.html: one file with all pictures inside, which git does not keep.
 
     make reproduce-report
 """
 
 import base64
-import contextlib
 import html
-import json
 import re
 from pathlib import Path
 
 import markdown
 import numpy as np
 
-from designrl.checkpoint import read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
-from designrl.recording import read
-from designrl.settings import COUNTS, TrainSettings, describe_schedule
-from designrl.train import STATE_FORMAT
-from reproduce import build, figure5, publish, scores, statistics, table3
-from reproduce.scores import Score
-from reproduce.table2 import BLOCKS, ROWS, WALKERS
+from reproduce import build, figure5, scores, statistics, table2
+from reproduce.runs import read_run, recording_of
+from reproduce.scores import Score, usable
+from reproduce.tables import PAPER, Cell, Table
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
-TABLES = ("table1", "table2", "table3", "table4", "statistics", "intervals")
+TO_PAPER = "paper.toml"  # beside the report
+MODULES = {name: build.load(name) for name in build.ITEMS if name != "report"}
 CAPTIONS = {
-    "figure1": "Hardcore terrain: the original body above, the learned one below; several moments "
-    "of one rollout each, on the terrain of the same seed, drawn from the environment's shapes. "
-    "The rollout is the one closest to both agents' medians over the evaluation.",
-    "figure2": "Left, Gym's loop. Right, the paper's: the agent's parameters also set the body, "
-    "once before a rollout, and the reward may depend on it.",
-    "figure3": "The ant: moments of one rollout as the environment renders them, original body "
-    "above, learned body below; then both bodies from above with the legs stretched out flat.",
-    "figure4": "Flat terrain: the original body above, the learned one below.",
-    "figure5": "Hardcore learning curves, with the original and a learned body. Above, the "
-    "population's return as training sees it (a fall costs nothing, success earns 100 more); "
-    "below, evaluated agents, and the best one so far. Each experiment's best run has the "
-    "population's ± 2 standard deviations, its other runs are pale. Dashed: 300 points, solved. "
-    "Dotted: when the paper's runs had solved it.",
-    "curves": "The same curves for the walkers on flat terrain.",
-    "curves_smaller_leg": "The same curves for the walkers that are rewarded for smaller legs; "
-    "their points are those of training's reward, with the factor for the legs' area.",
-    "curves_ant": "The same curves for the ants.",
-    "figure6": "Walkers rewarded for smaller legs, on flat terrain above, hardcore below.",
-    "figure7": "Further designs: of each experiment another run than in the figures before.",
-}
-CURVES = {
-    "curves": "Curves on flat terrain",
-    "curves_smaller_leg": "Curves of the walkers with smaller legs",
-    "curves_ant": "Curves of the ants",
-}
-MADE_BY = {
-    "intervals": "statistics",
-    **dict.fromkeys(CURVES, "figure5"),
-}  # of another item
+    name: (item, *about)
+    for item, module in MODULES.items()
+    for name, about in getattr(module, "CAPTIONS", {}).items()
+}  # figure -> item, title, caption
 
 
 def reads() -> list[Path]:
     """The files that the report depends on."""
-    folder = scores.output_folder()
-    items = [name for name in build.ITEMS if name != "report"]
-    return [
-        TEMPLATE,
-        *(folder / "tables" / f"{name}.md" for name in TABLES),
-        *(folder / "figures" / f"{name}.svg" for name in CAPTIONS),
-        *(folder / "inputs" / f"{name}.json" for name in items),
-        *scores.read_for(*EXPERIMENTS),
-        *figure5.reads(),
-    ]
+    drawn = (scores.output_folder() / "figures" / f"{name}.svg" for name in CAPTIONS)
+    return [TEMPLATE, *drawn, *scores.read_for(*EXPERIMENTS), *figure5.reads()]
 
 
 # ------------------------------------------------------------------------------------- contents
 
 
-def origin_line(name: str) -> str:
-    """Command, inputs and outputs of an item, as one line under it."""
-    item = MADE_BY.get(name, name)
-    made = json.loads((scores.output_folder() / "inputs" / f"{item}.json").read_text())
-    read = [Path(path).parts for path in made["inputs"]]
-    letters = {EXPERIMENTS[p[1]].letter for p in read if p[0] in ("pretrained", "logs")}
-    links = [f"[({letter})](#origin-{letter})" for letter in sorted(letters)]
-    used = f"; our runs of {' '.join(links)}" if links else ""
-    kinds = ("tables", ("md", "tex", "csv")) if name in TABLES else ("figures", ("svg", "pdf"))
-    files = ", ".join(f"[{suffix}]({kinds[0]}/{name}.{suffix})" for suffix in kinds[1])
-    return f"*`make reproduce-{item}`{used}; [hashes of what it read](inputs/{item}.json); {files}*"
+def linked(cell: str | Cell) -> str:
+    """A cell's text, as a link to where its number comes from."""
+    if isinstance(cell, str):
+        return cell
+    target = TO_PAPER if cell.origin == PAPER else f"#origin-{EXPERIMENTS[cell.origin].letter}"
+    return f"[{cell}]({target})"
 
 
-def letter_of(cells: list[str]) -> str:
-    """The experiment of a table's row: its letter, or b for the rows of Table 1."""
-    found = re.search(r"\((\w)\)", " ".join(cells[:2]))
-    if found:
-        return found[1]
-    if cells[0] in BLOCKS:
-        return EXPERIMENTS[WALKERS[BLOCKS.index(cells[0]) * 3 + ROWS.index(cells[1])]].letter
-    return "b"
+def origin_line(item: str, folder: str, name: str, kinds: tuple[str, ...]) -> str:
+    """Command, inputs and files of a table or figure, as one line under it."""
+    files = ", ".join(f"[{kind}]({folder}/{name}.{kind})" for kind in kinds)
+    return f"*`make reproduce-{item}`; [hashes of what it read](inputs/{item}.json); {files}*"
 
 
-def linked(table: str) -> str:
-    """A Markdown table whose numbers link to where they come from."""
-    lines, header = [], None
-    for line in table.splitlines():
-        if not line.startswith("|") or set(line) <= set("|-"):
-            lines.append(line)
-            continue
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if header is None:
-            header = cells
-            lines.append(line)
-            continue
-        origin = f"#origin-{letter_of(cells)}"
-        source = next((c for c in cells if c == "paper" or c.startswith("ours")), "")
-        start = cells.index(source) + 1 if source else 0
-        for i, cell in enumerate(cells):
-            numeric = re.search(r"\d", cell) and not re.match(r"0( runs|, )", cell)
-            if numeric and (header[i] == "Ours" or source.startswith("ours") and i >= start):
-                cells[i] = f"[{cell}]({origin})"
-            elif cell == "paper" or header[i].startswith("Paper") and numeric:
-                cells[i] = f"[{cell}]({TO_PAPER})"
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-TO_PAPER = "paper.toml"  # beside the report
-
-
-def table(name: str) -> str:
+def table_part(item: str, table: Table) -> str:
     """A table with its notes, its numbers linked, and its origin."""
-    text = (scores.output_folder() / "tables" / f"{name}.md").read_text(encoding="utf-8")
-    title, _, rest = text.partition("\n")
     # How scores were made, and from which checkpoints, is under Origins, once for all.
-    notes = rest.split("\n\nCheckpoints:")[0].strip()
-    notes = "\n\n".join(n for n in notes.split("\n\n") if not n.startswith("Scored on"))
-    return f"### {title.removeprefix('# ')}\n\n{linked(notes)}\n\n{origin_line(name)}"
+    line = origin_line(item, "tables", table.name, ("md", "tex", "csv"))
+    return "\n\n".join([f"### {table.title}", table.markdown(linked), *table.notes, line])
 
 
-def figure(name: str) -> str:
+def figure_part(name: str) -> str:
     """A figure with its caption and origin."""
-    title = CURVES.get(name, f"Figure {name[-1]}")
-    caption = CAPTIONS[name]
+    item, title, caption = CAPTIONS[name]
     image = f"![{title}: {caption}](figures/{name}.png)"
-    return f"### {title}\n\n{image}\n\n{caption}\n\n{origin_line(name)}"
+    line = origin_line(item, "figures", name, ("svg", "pdf"))
+    return "\n\n".join([f"### {title}", image, caption, line])
 
 
 def summary(ours: dict[str, list[Score]]) -> str:
-    """What there is so far, in a few sentences."""
-    have = [name for name in EXPERIMENTS if any(not s.problem for s in ours[name])]
-    count = sum(not s.problem for found in ours.values() for s in found)
-    if not have:
-        return (
-            "There is no checkpoint of ours yet, so the tables below show the paper's numbers "
-            "alone, and the figures the paper's bodies at rest."
-        )
-    printed = scores.paper()
-    which = "all eight" if len(have) == len(EXPERIMENTS) else f"{len(have)} of the eight"
-    lines = [f"{count} runs of {which} experiments:", ""]
-    for name in have:
-        e = EXPERIMENTS[name]
-        means = [s.mean for s in ours[name] if not s.problem]
-        words = table3.in_words(means, printed["table3"][name][0], printed["table4"][name])
-        value = f"[{np.mean(means):.0f}](#origin-{e.letter})"
-        paper_value = f"[{printed['table3'][name][0]}]({TO_PAPER})"
-        lines.append(f"- ({e.letter}) {e.title}: {value}, the paper {paper_value}; {words}.")
-    left = [f"({e.letter}) {e.title}" for n, e in EXPERIMENTS.items() if n not in have]
-    if left:
-        lines += ["", f"Without a checkpoint yet: {', '.join(left)}."]
-    return "\n".join(lines)
+    """What there is so far, in a sentence."""
+    count = sum(len(usable(found)) for found in ours.values())
+    left = [f"({e.letter}) {e.title}" for name, e in EXPERIMENTS.items() if not usable(ours[name])]
+    without = f" There is no checkpoint yet of {', '.join(left)}." if left else ""
+    which = f"{len(EXPERIMENTS) - len(left)} of the eight" if left else "all eight"
+    return f"{count} runs of {which} experiments.{without}"
 
 
-def answer() -> str:
+def does_a_learned_body_help() -> str:
     """The statistics' answer in one paragraph, for the paper's runs and ours."""
-    means, _ = statistics.run_means()
-    names = {"paper": "In the paper's own runs", "ours": "In ours"}
+    starts = {PAPER: "In the paper's own runs", "ours": "In ours"}
     sentences = []
-    for source, values in means.items():
+    for source, values in statistics.run_means().items():
         said = []
         for without, with_ in statistics.PAIRS:
-            if EXPERIMENTS[with_].leg_area_reward:
+            if scores.rewards_small_legs(with_):
                 continue  # they trade score for smaller legs
             a, b = values[without], values[with_]
             words = "there are no runs of both yet"
@@ -189,153 +94,85 @@ def answer() -> str:
                 c = statistics.compare(a, b)
                 words = f"{c['difference']:+.0f} points ({statistics.verdict(c)})"
             said.append(f"{EXPERIMENTS[without].title}: {words}")
-        start = names.get(source, f"With the {source}")
+        start = starts.get(source, f"With the {source}")
         sentences.append(f"{start}, a learned body against the original one: {'; '.join(said)}.")
     return " ".join(sentences)
 
 
-def progress(log: Path) -> dict | None:
-    """Generations, settings, steps and seconds of a run; None where it has no state."""
-    try:
-        tensors, state = read_tensors(log / "state.safetensors", STATE_FORMAT)
-        generations = int(tensors["generation"])
-        return {"generations": generations, "settings": state["settings"], **state["progress"]}
-    except (InputError, KeyError):
-        return None
-
-
-def spent_cells(steps: float, cpu_seconds: float, seconds: float) -> list[str]:
-    """Steps, core-hours and hours as a table has them."""
-    return [f"{steps / 1e6:,.0f} M", f"{cpu_seconds / 3600:.2f}", f"{seconds / 3600:.2f}"]
+def spent(steps: float, core_hours: float, seconds: float) -> list[str]:
+    """Steps, core-hours and hours as the table of costs has them."""
+    cores = "-" if np.isnan(core_hours) else f"{core_hours:.2f}"
+    return [f"{steps / 1e6:,.0f} M", cores, f"{seconds / 3600:.2f}"]
 
 
 def costs(ours: dict[str, list[Score]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
-    lines = [
-        "| Run | Generations (paper) | Population × rollouts (paper 192 × 16) | Steps | "
-        "Core-hours | Hours | Solved: generation | Solved: core-hours | "
-        "Solved in the paper: generation; core-hours |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    text = scores.paper()["text"]
-    totals = np.zeros(3)  # steps and seconds of all of them
-    for name, found in ours.items():
-        e = EXPERIMENTS[name]
-        for s in found:
-            if s.problem or "settings" not in s.agent.metadata:
-                continue
-            log = scores.log_of(s.path)
-            cost = progress(log)
-            settings = (cost or s.agent.metadata)["settings"]  # the agent's own may be older
-            done = cost["generations"] if cost else settings["generations"]
-            population, rollouts = (describe_schedule(settings[n], done) for n in COUNTS)
-            spent = ["no recording", "", ""]
-            if cost:
-                amounts = [cost["total_steps"], cost["cpu_seconds"], cost["seconds"]]
-                totals += amounts
-                spent = spent_cells(*amounts)
-            solved = [""] * 2
-            if e.is_walker and not e.leg_area_reward and (log / "generations.mcap").exists():
-                try:
-                    c = figure5.curve(read(log / "generations.mcap"))
-                    i = figure5.solved_at(c)
-                    solved = (
-                        ["not yet", ""]
-                        if i is None
-                        else [
-                            f"{c.at[0, i] + 1:.0f}",  # the updates by then, as a card counts
-                            f"{c.at[2, i]:.2f}",
-                        ]
-                    )
-                except (InputError, KeyError, ZeroDivisionError) as error:
-                    solved = [f"unknown ({error})", ""]
-            paper = ""
-            if "hours" in text.get(name, {}):
-                hours = text[name]["hours"] * figure5.PAPER_CORES
-                paper = f"{text[name]['generations']:,}; {hours:,}"
-            label = f"[({e.letter}) {e.title}, {scores.seed_of(s.path)}](#origin-{e.letter})"
-            row = [label, f"{done:,} ({e.generations:,})"]
-            row += [f"{population} × {rollouts}", *spent, *solved, paper]
-            lines.append("| " + " | ".join(row) + " |")
-    if len(lines) == 2:
-        return "No run is published yet."
-    row = [f"All {len(lines) - 2} published runs", "", "", *spent_cells(*totals), "", "", ""]
-    return "\n".join([*lines, "| " + " | ".join(row) + " |"])
-
-
-def differences(ours: dict[str, list[Score]]) -> str:
-    """One line per experiment whose mean is not within the paper's runs."""
-    printed = scores.paper()
-    lines = []
-    for name, found in ours.items():
-        means = [s.mean for s in found if not s.problem]
-        if not means:
+    rows, totals = [], []
+    header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
+    header += ["Solved: generation; core-hours", "In the paper"]
+    for name, s in ((name, s) for name, found in ours.items() for s in usable(found)):
+        e, solved, paper = EXPERIMENTS[name], "", ""
+        label = Cell(f"({e.letter}) {e.title}, {s.run}", name)
+        try:
+            run = read_run(recording_of(s.path))
+        except InputError:
+            rows.append([label, "no recording", *[""] * 5])
             continue
-        words = table3.in_words(means, printed["table3"][name][0], printed["table4"][name])
-        e = EXPERIMENTS[name]
-        kept = [s.agent.metadata for s in found if not s.problem]
-        trained = ", ".join(
-            f"{m['environment_steps'] / 1e6:,.0f} M" for m in kept if "environment_steps" in m
-        )
-        after = f" Its kept agents saw {trained} environment steps." if trained else ""
-        cards = ", ".join(
-            f"[{scores.seed_of(s.path)}](../{scores.shown(s.path.with_suffix('.md'))})"
-            for s in found
-            if not s.problem
-        )
-        lines.append(f"- **({e.letter}) {e.title}**: {words}.{after} Cards: {cards}.")
-    return "\n".join(lines) or "- No run of ours is published yet."
+        totals.append((run.steps[-1], run.core_hours[-1], run.seconds[-1]))
+        if e.env_id in table2.ENVIRONMENTS and not scores.rewards_small_legs(name):
+            at, solved = run.solved_at(), "not yet"
+            if at is not None:  # a generation's number counts the updates by then, as a card does
+                solved = f"{run.generation[at] + 1:,}; {spent(0, run.core_hours[at], 0)[1]}"
+        if "hours" in (printed := scores.paper()["text"].get(name, {})):
+            core_hours = printed["hours"] * figure5.PAPER_CORES
+            paper = f"{printed['generations']:,}; {core_hours:,}"
+        done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
+        rows.append([label, done, *spent(*totals[-1]), solved, paper])
+    if not totals:
+        return "No run is published yet."
+    rows.append([f"All {len(totals)} published runs", "", *spent(*np.sum(totals, 0)), "", ""])
+    return Table("costs", "", header, rows, [], []).markdown(linked)
 
 
 def origins(ours: dict[str, list[Score]]) -> str:
     """Each checkpoint: file, hash, how it was scored and trained."""
-    used = scores.used_versions()
+    used = ", ".join(f"{name} {value}" for name, value in scores.used_versions().items())
     lines = [
         f"All scores: {scores.EPISODES} episodes on the reference environments, the episodes' "
         f"seeds drawn by `designrl.evaluation.episode_seeds({scores.SEED}, {scores.EPISODES})`. "
-        f"Versions: {', '.join(f'{name} {value}' for name, value in used.items())}. Printed "
-        f"numbers are in [paper.toml]({TO_PAPER})."
+        f"Versions: {used}. Printed numbers are in [paper.toml]({TO_PAPER})."
     ]
     for name, e in EXPERIMENTS.items():
         lines += [f'<a id="origin-{e.letter}"></a>', f"### ({e.letter}) {e.title}"]
-        if not ours[name]:
-            lines.append("No checkpoint yet.")
+        lines += [] if ours[name] else ["No checkpoint yet."]
         for s in ours[name]:
-            shown = scores.shown(s.path)
-            if s.problem:
-                lines.append(f"`{shown}` is not used: {s.problem}.")
-                continue
-            m = s.agent.metadata
-            log = scores.log_of(s.path) / "generations.mcap"
-            card = scores.shown(s.path.with_suffix(".md"))
-            items = [
-                f"**[{shown}](../{shown})**, sha256 `{s.sha256}`; [its card](../{card})",
-                f"score {s.mean:.2f} ± {s.std:.2f} (median {np.median(s.returns):.1f}, "
-                f"{s.returns.min():.1f} to {s.returns.max():.1f}); "
-                f"`designrl evaluate {shown} --episodes {scores.EPISODES} --seed {scores.SEED}`",
-            ]
-            if "settings" in m:
-                settings = TrainSettings(**m["settings"])
-                trained = f"trained by `{settings.command(with_defaults=False)}`"
-                with contextlib.suppress(InputError, KeyError):  # no recording, or a damaged one
-                    if publish.evaluated_in_parts(read(log)):
-                        trained += (
-                            ", evaluated otherwise at first (see its card), so that this command "
-                            "gives the same distribution but may keep another agent"
-                        )
-                items.append(trained)
-                items.append(
-                    f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
-                    f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then"
-                )
-                items.append(
-                    "by " + ", ".join(f"{library} {v}" for library, v in m["versions"].items())
-                )
-            if log.exists():
-                path = scores.shown(log)
-                items.append(f"recording [{path}](../{path}), sha256 `{file_hash(log)}`")
-            lines.append("\n".join(f"- {item}" for item in items))
+            lines.append(origin(s))
     return "\n\n".join(lines)
+
+
+def origin(s: Score) -> str:
+    """One checkpoint's part of `origins`."""
+    shown = scores.shown(s.path)
+    if s.problem:
+        return f"`{shown}` is not used: {s.problem}."
+    m, card = s.agent.metadata, scores.shown(s.path.with_suffix(".md"))
+    items = [
+        f"**[{shown}](../{shown})**, sha256 `{s.sha256}`; [its card](../{card})",
+        f"score {s.mean:.2f} ± {s.std:.2f} (median {np.median(s.returns):.1f}, "
+        f"{s.returns.min():.1f} to {s.returns.max():.1f}); "
+        f"`designrl evaluate {shown} --episodes {scores.EPISODES} --seed {scores.SEED}`",
+    ]
+    if "score_episodes" in m:
+        items.append(
+            f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
+            f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then"
+        )
+        items.append("by " + ", ".join(f"{library} {v}" for library, v in m["versions"].items()))
+    log = recording_of(s.path)
+    if log.exists():
+        path = scores.shown(log)
+        items.append(f"recording [{path}](../{path}), sha256 `{file_hash(log)}`")
+    return "\n".join(f"- {item}" for item in items)
 
 
 # ----------------------------------------------------------------------------------------- page
@@ -387,13 +224,14 @@ def main() -> list[Path]:
     ours = scores.pretrained_scores()
     parts = {
         "summary": summary(ours),
-        "answer": answer(),
+        "answer": does_a_learned_body_help(),
         "costs": costs(ours),
-        "differences": differences(ours),
         "origins": origins(ours),
-        **{name: table(name) for name in TABLES},
-        **{name: figure(name) for name in CAPTIONS},
+        **{name: figure_part(name) for name in CAPTIONS},
     }
+    for item, module in MODULES.items():
+        for table in module.tables() if hasattr(module, "tables") else ():
+            parts[table.name] = table_part(item, table)
     text = TEMPLATE.read_text(encoding="utf-8")
     text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], text)
     folder = scores.output_folder()
@@ -403,7 +241,3 @@ def main() -> list[Path]:
     write_atomically(paths[0], text.encode())
     write_atomically(paths[1], page(text, folder).encode())
     return paths
-
-
-if __name__ == "__main__":
-    build.command("report")

@@ -4,22 +4,21 @@ Per pair of experiments, without and with a learned body: the difference of the 
 probability of improvement (that a run with it beats one without, ties half), both with bootstrap
 95 % intervals over runs, and a permutation test. Per experiment the interval of the mean over runs,
 and per run of ours over its rollouts. Reads pretrained/ and Table 4 in paper/paper.toml; with
-ZOO=path also the author's weights. Writes paper/tables/statistics.* and intervals.*, and prints
-them.
+ZOO=path also the author's weights. Makes the tables statistics and intervals.
 
     make reproduce-statistics
 """
 
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 
 from designrl.experiments import EXPERIMENTS
-from reproduce import build, scores
-from reproduce.tables import origin_notes, scoring_note, write_table
+from reproduce import scores
+from reproduce.tables import PAPER, Table, row
 
+READS = tuple(EXPERIMENTS)
 PAIRS = (
     ("ant", "ant-morphology"),
     ("biped", "biped-morphology"),
@@ -102,66 +101,47 @@ def interval(low: float, high: float, shape: str = "{:.0f}") -> str:
     return "" if np.isnan(low) else f"[{shape.format(low)}, {shape.format(high)}]"
 
 
-def reads() -> list[Path]:
-    """The files that the statistics depend on."""
-    return scores.read_for(*EXPERIMENTS)
-
-
-def run_means() -> tuple[dict[str, dict[str, np.ndarray]], list[scores.Score]]:
-    """Source -> experiment -> (n,) means of its runs, and the scores of ours behind them."""
+def run_means() -> dict[str, dict[str, np.ndarray]]:
+    """Source -> experiment -> (n,) means of its runs."""
     printed = scores.paper()["table4"]
-    ours = scores.pretrained_scores()
-    means = {
-        "paper": {name: np.array(printed[name], dtype=float) for name in EXPERIMENTS},
-        "ours": {n: np.array([s.mean for s in ours[n] if not s.problem]) for n in EXPERIMENTS},
-    }
-    if zoo := scores.zoo_argument():
-        found = scores.published_scores(zoo)
-        means["author's weights"] = {
-            n: np.array([s.mean for s in found[n].values() if not s.problem]) for n in EXPERIMENTS
-        }
-    return means, [s for name in EXPERIMENTS for s in ours[name]]
+    means = {PAPER: {name: np.array(printed[name], dtype=float) for name in EXPERIMENTS}}
+    found = {"ours": scores.pretrained_scores()}
+    if scores.zoo():
+        found["author's weights"] = {n: r.values() for n, r in scores.authors_scores().items()}
+    for source, runs in found.items():
+        means[source] = {n: np.array([s.mean for s in scores.usable(runs[n])]) for n in runs}
+    return means
 
 
-def write_pairs(means: dict[str, dict[str, np.ndarray]]) -> list[Path]:
+def pairs(means: dict[str, dict[str, np.ndarray]], ours: list[scores.Score]) -> Table:
     """The table of pairs."""
     rows, records = [], []
     for without, with_ in PAIRS:
-        rows.append(None) if rows else None
+        rows += [None] if rows else []
+        letters = f"({EXPERIMENTS[with_].letter}) over ({EXPERIMENTS[without].letter})"
+        head = [letters, EXPERIMENTS[with_].title]
         for source, values in means.items():
             a, b = values[without], values[with_]
-            pair = f"({EXPERIMENTS[with_].letter}) over ({EXPERIMENTS[without].letter})"
-            head = [pair, EXPERIMENTS[with_].title, source, f"{len(b)}, {len(a)}"]
-            if not (len(a) and len(b)):
-                rows.append([*head, "", "", "", "no runs of both yet"])
-                continue
-            c = compare(a, b)
-            limits = interval(c["difference_low"], c["difference_high"], "{:+.0f}")
-            chances = interval(c["probability_low"], c["probability_high"], "{:.0%}")
-            p = "" if np.isnan(c["p"]) else f"{c['p']:.4f}" if c["p"] >= 1e-4 else "< 0.0001"
-            rows.append(
-                [
-                    *head,
+            numbers, words = [f"{len(b)}, {len(a)}", "", "", ""], "no runs of both yet"
+            if len(a) and len(b):
+                c = compare(a, b)
+                records.append({"without": without, "with": with_, "source": source} | c)
+                limits = interval(c["difference_low"], c["difference_high"], "{:+.0f}")
+                chances = interval(c["probability_low"], c["probability_high"], "{:.0%}")
+                p = "" if np.isnan(c["p"]) else f"{c['p']:.4f}" if c["p"] >= 1e-4 else "< 0.0001"
+                numbers[1:] = [
                     f"{c['difference']:+.0f} {limits}".strip(),
                     f"{c['probability']:.0%} {chances}".strip(),
                     p,
-                    verdict(c),
                 ]
-            )
-            records.append({"without": without, "with": with_, "source": source} | c)
-    return write_table(
+                words = verdict(c)
+            rows.append([*row(head, source, numbers, with_), words])
+    header = ["Pair", "With a learned body", "Runs of", "Runs (with, without)"]
+    header += ["Difference of means", "Probability of improvement", "p", "With it is"]
+    return Table(
         "statistics",
         "Does learning the body help? Pairs of experiments, the paper's runs and ours",
-        [
-            "Pair",
-            "With a learned body",
-            "Runs of",
-            "Runs (with, without)",
-            "Difference of means",
-            "Probability of improvement",
-            "p",
-            "With it is",
-        ],
+        header,
         rows,
         [
             f"Brackets: bootstrap 95 % intervals over runs ({RESAMPLES:,} resamples, percentiles). "
@@ -172,33 +152,34 @@ def write_pairs(means: dict[str, dict[str, np.ndarray]]) -> list[Path]:
             "of 0 and p is below 0.05, out of reach for three runs against three. Small legs trade "
             "score for a smaller body, so for them the question is what that costs.",
             "The paper's runs are the printed ones of Table 4, rounded to whole points.",
-            scoring_note(),
         ],
         records,
+        ours,
     )
 
 
-def write_intervals(means: dict[str, dict[str, np.ndarray]], ours: list) -> list[Path]:
+def intervals(means: dict[str, dict[str, np.ndarray]], ours: list[scores.Score]) -> Table:
     """The table of intervals of each experiment's mean, and of each run of ours."""
     rows, records = [], []
     for name, experiment in EXPERIMENTS.items():
         title = f"({experiment.letter}) {experiment.title}"
-        mine = [s for s in ours if s.agent is not None and s.agent.experiment is experiment]
         lines = [(source, "runs", values[name]) for source, values in means.items()]
-        lines += [(f"ours, {scores.seed_of(s.path)}", "rollouts", s.returns) for s in mine]
+        mine = [s for s in scores.usable(ours) if s.agent.experiment is experiment]
+        lines += [(f"ours, {s.run}", "rollouts", s.returns) for s in mine]
         for source, unit, values in lines:
+            count = f"{len(values)} {unit if len(values) != 1 else unit[:-1]}"
             if len(values) == 0:
-                rows.append([title, source, f"0 {unit}", "", "", ""])
+                rows.append([title, source, count, "", "", ""])
                 continue
             low, high = mean_interval(values)
-            middle = f"{np.median(values):.0f}"
-            count = f"{len(values)} {unit if len(values) > 1 else unit[:-1]}"
-            rows.append([title, source, count, f"{values.mean():.1f}", interval(low, high), middle])
+            middle = np.median(values)
+            texts = [count, f"{values.mean():.1f}", interval(low, high), f"{middle:.0f}"]
+            rows.append(row([title], source, texts, name))
             records.append(
                 {"experiment": name, "source": source, "over": unit, "count": len(values)}
-                | {"mean": values.mean(), "low": low, "high": high, "median": np.median(values)}
+                | {"mean": values.mean(), "low": low, "high": high, "median": middle}
             )
-    return write_table(
+    return Table(
         "intervals",
         "Average scores with 95 % intervals, over runs and over rollouts within a run",
         ["Experiment", "", "Over", "Mean", "95 % interval", "Median"],
@@ -206,19 +187,15 @@ def write_intervals(means: dict[str, dict[str, np.ndarray]], ours: list) -> list
         [
             f"Bootstrap 95 % intervals of the mean ({RESAMPLES:,} resamples, percentiles): over "
             "runs they say how well these runs tell the mean of many such (two or three hardly), "
-            "over rollouts how well one agent's score is known.",
-            scoring_note(),
-            *origin_notes(ours),
+            "over rollouts how well one agent's score is known."
         ],
         records,
+        ours,
     )
 
 
-def main() -> list[Path]:
-    """Write both tables; returns their files."""
-    means, ours = run_means()
-    return [*write_pairs(means), *write_intervals(means, ours)]
-
-
-if __name__ == "__main__":
-    build.command("statistics")
+def tables() -> list[Table]:
+    """Both tables."""
+    means = run_means()
+    ours = [s for found in scores.pretrained_scores().values() for s in found]
+    return [pairs(means, ours), intervals(means, ours)]

@@ -1,81 +1,62 @@
 """Table 4: the average score of every run, the paper's and ours.
 
 Reads pretrained/ and paper/paper.toml; with ZOO=path also the author's weights: run 1 of each
-experiment, and runs 2 to 10 where the folder has zoo/more. Writes paper/tables/table4.md, .tex and
-.csv, and prints the table.
+experiment, and runs 2 to 10 where the folder has zoo/more.
 
     make reproduce-table4
 """
 
-from pathlib import Path
-
 from designrl.experiments import EXPERIMENTS
-from reproduce import build, scores
-from reproduce.scores import Score
-from reproduce.tables import MISSING, origin_notes, scoring_note, write_table
+from designrl.published import RUNS
+from reproduce import scores
+from reproduce.tables import MISSING, PAPER, Table, row
+
+READS = tuple(EXPERIMENTS)
 
 
-def reads() -> list[Path]:
-    """The files that the table depends on."""
-    return scores.read_for(*EXPERIMENTS)
-
-
-def cell(s: Score) -> str:
-    """The average score, or that it could not be had (the notes say why)."""
-    return "not used" if s.problem else f"{s.mean:.0f}"
-
-
-def main() -> list[Path]:
-    """Write the table; returns its files."""
+def tables() -> list[Table]:
+    """The table."""
     printed = scores.paper()["table4"]
-    ours = scores.pretrained_scores()
-    zoo = scores.zoo_argument()
-    authors = scores.published_scores(zoo)
-    runs = max(scores.PUBLISHED_RUNS, *map(len, ours.values()))
+    ours, authors = scores.pretrained_scores(), scores.authors_scores()
+    runs = max(RUNS, *map(len, ours.values()))
     rows, records, seeds = [], [], []
+
+    def add(name: str, source: str, texts: dict[int, str]) -> None:
+        title = f"({EXPERIMENTS[name].letter}) {EXPERIMENTS[name].title}"
+        rows.append(row([title], source, [texts.get(run + 1, "") for run in range(runs)], name))
+
     for name, experiment in EXPERIMENTS.items():
-        if experiment.letter in "cf":
-            rows.append(None)
-        title = f"({experiment.letter}) {experiment.title}"
-        values = [str(value) for value in printed[name]]
-        rows.append([title, "paper", *values, *[""] * (runs - len(values))])
+        rows += [None] if experiment.letter in "cf" else []
+        add(name, PAPER, {run: str(value) for run, value in enumerate(printed[name], 1)})
         records += [
-            {"experiment": name, "source": "paper", "run": i + 1, "mean": value, "std": ""}
-            | {"sha256": ""}
-            for i, value in enumerate(printed[name])
+            {"experiment": name, "source": PAPER, "run": run, "mean": value}
+            for run, value in enumerate(printed[name], 1)
         ]
-        cells = [cell(s) for s in ours[name]] or [MISSING]
-        rows.append([title, "ours", *cells, *[""] * (runs - len(cells))])
+        found = {"ours": dict(enumerate(ours[name], 1)), "author's weights": authors[name]}
+        for source, by_run in found.items():
+            if not by_run and source != "ours":
+                continue
+            texts = {run: "not used" if s.problem else f"{s.mean:.0f}" for run, s in by_run.items()}
+            add(name, source, texts or {1: MISSING})
+            records += [
+                {"experiment": name, "source": source, "run": run, "mean": s.mean, "std": s.std}
+                | {"sha256": s.sha256}
+                for run, s in by_run.items()
+                if not s.problem
+            ]
         if ours[name]:
-            names = ", ".join(scores.seed_of(s.path) for s in ours[name])
-            seeds.append(f"({experiment.letter}) {names}")
-        if zoo:
-            theirs = [authors[name].get(run + 1) for run in range(runs)]
-            cells = [cell(s) if s else "" for s in theirs]
-            rows.append([title, "author's weights", *cells])
-        found = [("ours", i + 1, s) for i, s in enumerate(ours[name])]
-        found += [("author's weights", run, s) for run, s in authors[name].items()]
-        records += [
-            {"experiment": name, "source": source, "run": run, "mean": s.mean, "std": s.std}
-            | {"sha256": s.sha256}
-            for source, run, s in found
-            if not s.problem
-        ]
+            seeds.append(f"({experiment.letter}) {', '.join(s.run for s in ours[name])}")
     notes = ["Each number is the average score of the trained agent over 100 rollouts."]
     if seeds:
         notes.append(f"Our runs from #1 on: {'; '.join(seeds)}.")
-    notes.append(scoring_note())
-    notes += origin_notes(s for name in EXPERIMENTS for s in (*ours[name], *authors[name].values()))
-    header = ["Experiment", "", *(f"#{run + 1}" for run in range(runs))]
-    return write_table(
-        "table4",
-        "Table 4: average scores of all runs, paper and ours",
-        header,
-        rows,
-        notes,
-        records,
-    )
-
-
-if __name__ == "__main__":
-    build.command("table4")
+    return [
+        Table(
+            "table4",
+            "Table 4: average scores of all runs, paper and ours",
+            ["Experiment", "", *(f"#{run + 1}" for run in range(runs))],
+            rows,
+            notes,
+            records,
+            [s for name in EXPERIMENTS for s in (*ours[name], *authors[name].values())],
+        )
+    ]

@@ -1,8 +1,9 @@
-"""Writes a table as Markdown, LaTeX (booktabs) and CSV; and what the tables have in common."""
+"""A table whose cells know whose numbers they hold, written as Markdown, LaTeX and CSV."""
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from tabulate import tabulate
@@ -11,63 +12,116 @@ from designrl.files import write_atomically
 from reproduce import scores
 from reproduce.scores import Score
 
+PAPER = "paper"
+MISSING = "no checkpoint yet"
 _LATEX = {"%": r"\%", "&": r"\&", "#": r"\#", "_": r"\_", "±": r"$\pm$", "–": "--"}
 
-MISSING = "no checkpoint yet"
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell with a number.
+
+    Attributes:
+        text: as it is printed.
+        origin: PAPER, or the experiment that our number is of.
+    """
+
+    text: str
+    origin: str
+
+    def __str__(self) -> str:
+        return self.text
 
 
-def write_table(
-    name: str,
-    title: str,
-    header: list[str],
-    rows: list[list[str] | None],
-    notes: list[str],
-    records: list[dict],
-    groups: list[tuple[str, int]] | None = None,
-) -> list[Path]:
-    """Write NAME.md, .tex and .csv to the tables' folder; returns their paths.
+Row = list[str | Cell]
 
-    Args:
+
+def row(head: Row, source: str, values: list[str], experiment: str) -> Row:
+    """The row of one source: PAPER, "ours...", or the author's weights."""
+    if source == PAPER:
+        return [*head, Cell(source, PAPER), *values]
+    if source.startswith("ours"):
+        return [*head, source, *(Cell(text, experiment) if text else "" for text in values)]
+    return [*head, source, *values]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with all that is said of it.
+
+    Attributes:
         name: stem of the files.
         title: one line above the table.
-        header, rows: the cells as text; the same in Markdown and LaTeX. None is a rule.
-        notes: sentences under the table.
-        records: the CSV's rows, unrounded, all with the same keys.
+        header: names of the columns.
+        rows: the cells; None is a rule.
+        notes: paragraphs under the table.
+        records: the CSV's rows, unrounded; their keys are the columns, a missing one is empty.
+        scores: the checkpoints behind it.
         groups: headings above the header and how many columns each spans.
     """
-    plain = header
-    if groups:
-        above = [group for group, span in groups for _ in range(span)]
-        plain = [f"{a}: {h}" if a else h for a, h in zip(above, header, strict=True)]
-    cells = [row for row in rows if row is not None]
-    table = tabulate(cells, plain, tablefmt="github", disable_numparse=True)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    contents = {
-        "md": "\n\n".join([f"# {title}", table, *notes]) + "\n",
-        "tex": _latex(header, rows, groups),
-        "csv": text.getvalue(),
-    }
-    folder = scores.output_folder() / "tables"
-    for suffix, content in contents.items():
-        write_atomically(folder / f"{name}.{suffix}", content.encode())
-    return [folder / f"{name}.{suffix}" for suffix in contents]
 
+    name: str
+    title: str
+    header: list[str]
+    rows: list[Row | None]
+    notes: list[str]
+    records: list[dict]
+    scores: Iterable[Score] = ()
+    groups: list[tuple[str, int]] | None = None
 
-def _latex(header: list[str], rows: list, groups: list[tuple[str, int]] | None) -> str:
-    def line(cells: list[str]) -> str:
-        escaped = ("".join(_LATEX.get(letter, letter) for letter in cell) for cell in cells)
-        return " & ".join(escaped) + r" \\"
+    def markdown(self, show: Callable[[str | Cell], str] = str) -> str:
+        """The table alone, each cell as `show` gives it."""
+        above = [group for group, span in self.groups or () for _ in range(span)]
+        names = [f"{a}: {h}" if a else h for a, h in zip(above, self.header, strict=False)]
+        cells = [[show(cell) for cell in row] for row in self.rows if row is not None]
+        return tabulate(cells, names or self.header, tablefmt="github", disable_numparse=True)
 
-    lines = [rf"\begin{{tabular}}{{{'l' * len(header)}}}", r"\toprule"]
-    if groups:
-        heads = (rf"\multicolumn{{{span}}}{{l}}{{{group}}}" for group, span in groups)
-        lines.append(" & ".join(heads) + r" \\")
-    lines += [line(header), r"\midrule"]
-    lines += [r"\midrule" if row is None else line(row) for row in rows]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+    def latex(self) -> str:
+        """A booktabs tabular."""
+
+        def line(cells: Iterable[str | Cell]) -> str:
+            escaped = ("".join(_LATEX.get(sign, sign) for sign in str(cell)) for cell in cells)
+            return " & ".join(escaped) + r" \\"
+
+        lines = [rf"\begin{{tabular}}{{{'l' * len(self.header)}}}", r"\toprule"]
+        if self.groups:
+            heads = (rf"\multicolumn{{{span}}}{{l}}{{{group}}}" for group, span in self.groups)
+            lines.append(" & ".join(heads) + r" \\")
+        lines += [line(self.header), r"\midrule"]
+        lines += [r"\midrule" if row is None else line(row) for row in self.rows]
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+    def csv(self) -> str:
+        """The records."""
+        text = io.StringIO()
+        columns = dict.fromkeys(key for record in self.records for key in record)
+        writer = csv.DictWriter(text, fieldnames=list(columns), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.records)
+        return text.getvalue()
+
+    def origins(self) -> list[str]:
+        """How its scores were made, and the checkpoints, with those that cannot be used."""
+        lines = []
+        for s in self.scores:
+            if s.problem:
+                lines.append(f"- not used: {s.problem}")
+                continue
+            steps = s.agent.metadata.get("environment_steps")
+            score = "" if s.returns is None else f", {s.mean:.1f} ± {s.std:.1f}"
+            trained = f", {steps:,} training steps" if steps else ""
+            lines.append(f"- `{scores.shown(s.path)}`, sha256 `{s.sha256[:16]}`{score}{trained}")
+        scored = [scoring_note()] if any(s.returns is not None for s in self.scores) else []
+        return [*scored, "Checkpoints:\n\n" + "\n".join(lines)] if lines else []
+
+    def write(self) -> list[Path]:
+        """Write NAME.md, .tex and .csv to the tables' folder; returns their paths."""
+        text = "\n\n".join([f"# {self.title}", self.markdown(), *self.notes, *self.origins()])
+        contents = {"md": text + "\n", "tex": self.latex(), "csv": self.csv()}
+        paths = [scores.output_folder() / "tables" / f"{self.name}.{kind}" for kind in contents]
+        for path, content in zip(paths, contents.values(), strict=True):
+            write_atomically(path, content.encode())
+        return paths
 
 
 def mean_and_std(mean: float, std: float) -> str:
@@ -77,24 +131,8 @@ def mean_and_std(mean: float, std: float) -> str:
 
 def scoring_note() -> str:
     """How scores were made, with versions."""
-    used = scores.used_versions()
+    used = ", ".join(f"{name} {version}" for name, version in scores.used_versions().items())
     return (
         f"Scored on the reference environments, {scores.EPISODES} episodes, evaluation seed "
-        f"{scores.SEED}; designrl {used['designrl']} (sources {used['sources']}), "
-        f"Gymnasium {used['gymnasium']}, box2d-py {used['box2d-py']}, "
-        f"PyBullet {used['pybullet']}."
+        f"{scores.SEED}; {used}."
     )
-
-
-def origin_notes(found: Iterable[Score]) -> list[str]:
-    """One paragraph that lists the checkpoints behind a table, and those that cannot be used."""
-    lines = []
-    for s in found:
-        if s.problem:
-            lines.append(f"- not used: {s.problem}")
-            continue
-        steps = s.agent.metadata.get("environment_steps")
-        score = "" if s.returns is None else f", {s.mean:.1f} ± {s.std:.1f}"
-        trained = f", {steps:,} training steps" if steps else ""
-        lines.append(f"- `{scores.shown(s.path)}`, sha256 `{s.sha256[:16]}`{score}{trained}")
-    return ["Checkpoints:\n\n" + "\n".join(lines)] if lines else []

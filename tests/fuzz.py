@@ -63,7 +63,7 @@ def originals(folder: Path) -> dict[str, bytes]:
     about = {"seed": 0, "generation": 3, "score": 1.5, "settings": {"population": 4}}
     agent = Agent(experiment, parameters, metadata={**about, "versions": versions()})
     checkpoint.save(agent, folder / "agent.safetensors")
-    run = TrainingRun(TrainSettings(EXPERIMENT), folder / "run")
+    run = TrainingRun(TrainSettings.of(EXPERIMENT), folder / "run")
     run._save_state()
     with RunWriter(folder / "run.mcap", {"experiment": EXPERIMENT, "seed": "0"}) as writer:
         for index in range(3):
@@ -292,7 +292,7 @@ def read_file(folder: Path, kind: str, data: bytes) -> bool:
         elif kind == "2018":
             checkpoint.load(path, EXPERIMENT)
         elif kind == "state":
-            run = TrainingRun(TrainSettings(EXPERIMENT), path.parent, resume=True)
+            run = TrainingRun(TrainSettings.of(EXPERIMENT), path.parent, resume=True)
             if not np.isfinite(run.optimiser.ask().numpy()).all():
                 raise FuzzError("a state gives candidates that are not finite")
         else:

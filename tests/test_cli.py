@@ -34,8 +34,9 @@ def refused(capsys, *argv):
 def test_experiments_lists_all_eight(capsys):
     main(["experiments"])
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[1:]] == list(EXPERIMENTS)
-    assert "10000" in lines[-1]
+    assert [line.split()[0] for line in lines[1:] if line[0] != " "] == list(EXPERIMENTS)
+    assert "paper: 192 × 16, 10,000 generations" in lines[-2]
+    assert "zoo:   192 × 4, 2,500 generations, learning-rate-decay 0.9995" in lines[-1]
 
 
 def test_evaluate_prints_one_json_object(checkpoint, capsys):

@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 import torch
@@ -36,6 +38,15 @@ def test_act_sums_inputs_in_order_in_float32():
         expected = tanh32(total + weights[start : start + outputs])
         start += outputs
     np.testing.assert_array_equal(agent.act(x), expected)
+
+
+def test_an_agent_survives_pickling():
+    agent = random_agent("ant-morphology")
+    agent.act(np.zeros(28))
+    again = pickle.loads(pickle.dumps(agent))
+    for each in (agent, again):
+        each.reset(3)
+    np.testing.assert_array_equal(again.act(np.ones(28), 5), agent.act(np.ones(28), 5))
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

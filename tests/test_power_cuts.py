@@ -15,11 +15,11 @@ from designrl.simulation import RolloutResult, Simulator
 from designrl.train import TrainingRun
 
 GENERATIONS = 3
-SETTINGS = TrainSettings(
+SETTINGS = TrainSettings.of(
     "biped-morphology",
     generations=GENERATIONS,
     population=2,
-    rollouts=((0, 1),),
+    rollouts=1,
     evaluate_every=2,
     evaluation_episodes=1,
 )

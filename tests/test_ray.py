@@ -18,11 +18,11 @@ from designrl.workers import RayWorkers, TaskError
 
 ray = pytest.importorskip("ray", reason='Ray is not installed (pip install -e ".[ray]")')
 
-SETTINGS = TrainSettings(
+SETTINGS = TrainSettings.of(
     "biped-morphology",
     generations=6,
     population=6,
-    rollouts=((0, 2),),
+    rollouts=2,
     evaluate_every=3,
     evaluation_episodes=4,
 )

@@ -3,7 +3,6 @@
 import csv
 import html
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -12,30 +11,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from designrl.bodies.walker import WALKER
 from designrl.checkpoint import load, save
-from designrl.evaluation import Evaluation
+from designrl.evaluation import Evaluation, evaluate
 from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.files import file_hash
 from designrl.policy import Agent
-from designrl.recording import read
+from designrl.published import published, zoo_folder
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import (
     build,
     drawing,
-    figure4,
     figure5,
     publish,
+    readme,
     report,
+    runs,
     scores,
     statistics,
     table1,
     table2,
     table3,
+    tables,
 )
 from reproduce.scores import ROOT
 
-ZOO = Path(os.environ.get("DESIGNRL_ZOO", ROOT / "../shared/zoo"))
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
 
 
@@ -61,9 +61,10 @@ def stub_scores(agent, episodes, seed, workers, progress):
 def project(tmp_path, monkeypatch):
     """An empty project folder, where evaluations take no time."""
     (tmp_path / "paper").mkdir()
-    shutil.copyfile(ROOT / "paper" / "paper.toml", tmp_path / "paper" / "paper.toml")
+    (tmp_path / "README.md").write_text(f"# Results\n{readme.START}\nold\n{readme.END}\nmore\n")
+    for name in ("paper.toml", "author.csv"):
+        shutil.copyfile(ROOT / "paper" / name, tmp_path / "paper" / name)
     monkeypatch.setattr(scores, "ROOT", tmp_path)
-    monkeypatch.setattr(scores, "CACHE", tmp_path / ".cache" / "scores")
     monkeypatch.setattr(scores, "evaluate", stub_scores)
     return tmp_path
 
@@ -82,43 +83,60 @@ def pretrain(project, experiment: str, name: str = "seed0", seed: int = 0):
 def test_committed_output_belongs_to_its_inputs(name):
     kept = json.loads(build.manifest(name).read_text())
     mend = f"run `make reproduce-{name}` (or `make reproduce`) and commit paper/"
-    assert kept["inputs"] == build.inputs(build.load(name)), mend
-    # Written beside the report but not committed: all its pictures once more, anew with every run.
-    kept["outputs"].pop("paper/report.html", None)
-    assert kept["outputs"] == build.hashes([ROOT / path for path in kept["outputs"]]), mend
+    assert kept["inputs"] == build.hashes(build.reads(build.load(name))), mend
+    assert kept["outputs"] == build.hashes(ROOT / path for path in kept["outputs"]), mend
+
+
+def committed(table: str) -> list[dict]:
+    with (ROOT / "paper" / f"{table}.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+OURS = {row["sha256"]: row for row in committed("tables/table4") if row["source"] == "ours"}
+
+
+def digits(mean, std) -> str:
+    return f"{float(mean):.4f} ± {float(std):.4f}"
+
+
+@pytest.mark.parametrize("name", table2.WALKERS)
+def test_walkers_score_what_the_committed_table_says(name):
+    path = scores.pretrained(name)[-1]
+    row = OURS[file_hash(path)]
+    found = evaluate(load(path), scores.EPISODES, scores.SEED, backend="engine").scores
+    assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
+
+
+def test_the_authors_walker_scores_what_the_committed_table_says(zoo_agent):
+    [row] = [row for row in committed("author") if row["experiment"] == "biped-hardcore"]
+    agent = zoo_agent("biped-hardcore")
+    found = evaluate(agent, int(row["episodes"]), int(row["seed"]), backend="engine").scores
+    assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
+    assert row["sha256"] == agent.metadata["source_sha256"]
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
-def test_committed_cards_say_what_their_runs_say(name, tmp_path, monkeypatch):
-    with (ROOT / "paper" / "tables" / "table3.csv").open() as file:
-        [row] = [row for row in csv.DictReader(file) if row["experiment"] == name]
-    means, stds = (
-        list(map(float, row[column].split())) for column in ("our_means", "our_stds_over_rollouts")
-    )
-    for path, mean, std in zip(scores.pretrained(name), means, stds, strict=True):
-        # Returns of the mean and deviation that the table has, without a hundred episodes.
-        returns = mean + std * np.repeat([-1.0, 1.0], scores.EPISODES // 2)
-        monkeypatch.setattr(scores, "score", lambda *_, r=returns: scores.Score(Path(), returns=r))
-        copy = tmp_path / path.name
-        shutil.copyfile(path, copy)
-        shutil.copyfile(path.with_suffix(".md"), copy.with_suffix(".md"))
-        card, _ = publish.write_card(copy, scores.log_of(path))
-        written = path.with_suffix(".md").read_text()
-        assert card.read_text() == written, f"write the card of {path} again"
+def test_committed_cards_say_what_their_checkpoints_score(name):
+    for path in scores.pretrained(name):
+        card, row = path.with_suffix(".md").read_text(), OURS[file_hash(path)]
+        assert f"sha256 {row['sha256']}" in card
+        assert f"**Score** {float(row['mean']):.1f} ± {float(row['std']):.1f} over 100" in card
 
 
-def test_committed_outputs_are_made_without_the_authors_weights():
-    for name in build.ITEMS:
-        kept = json.loads(build.manifest(name).read_text())
-        assert not [path for path in kept["inputs"] if path.endswith(".json") and "/" not in path]
+def test_readme_has_the_committed_results():
+    block = f"{readme.START}\n{readme.table()}\n{readme.END}"
+    assert block in (ROOT / "README.md").read_text(), "run `make reproduce-readme`"
 
 
 # ------------------------------------------------------------------------------------- dependency
 
 
-def test_second_build_does_nothing_and_a_changed_checkpoint_rebuilds_what_reads_it(project):
-    path = pretrain(project, "ant-morphology")
+def test_new_and_changed_checkpoints_and_lost_files_rebuild_what_needs_them(project):
     assert build.make("table1") and build.make("figure2") and build.make("table2")
+    path = pretrain(project, "ant-morphology")
+    assert build.make("table1")
+    (project / "paper/tables/table1.tex").unlink()
+    assert build.make("table1")
     assert [build.make(name) for name in ("table1", "figure2", "table2")] == [None] * 3
     save(random_agent("ant-morphology", seed=1), path)
     before = (project / "paper/tables/table1.csv").read_text()
@@ -127,20 +145,10 @@ def test_second_build_does_nothing_and_a_changed_checkpoint_rebuilds_what_reads_
     assert [build.make(name) for name in ("table1", "figure2", "table2")] == [None] * 3
 
 
-def test_new_checkpoint_and_lost_output_rebuild(project):
-    assert build.make("table1")
-    pretrain(project, "ant-morphology")
-    assert build.make("table1")
-    (project / "paper/tables/table1.tex").unlink()
-    assert build.make("table1")
-
-
 def test_stopped_build_leaves_whole_files_and_is_made_again(project, monkeypatch):
     assert build.make("table1")
     old = (project / "paper/tables/table1.tex").read_text()
     pretrain(project, "ant-morphology")
-    from reproduce import tables
-
     real, count = tables.write_atomically, []
 
     def killed(path, data):
@@ -162,8 +170,28 @@ def test_equal_inputs_give_equal_figures(project):
     build.make("figure2")
     files = sorted((project / "paper/figures").iterdir())
     first = [path.read_bytes() for path in files]
-    build.make("figure2", always=True)
+    shutil.rmtree(project / ".cache")
+    assert build.make("figure2")
     assert [path.read_bytes() for path in files] == first
+
+
+def test_other_code_makes_an_item_again_but_leaves_what_is_committed(project, monkeypatch):
+    build.make("figure2")
+    before = build.manifest("figure2").read_bytes()
+    monkeypatch.setattr(build, "sources_hash", lambda: "other")
+    assert build.make("figure2") and build.make("figure2") is None
+    assert build.manifest("figure2").read_bytes() == before
+
+
+def test_readme_table_is_put_between_its_marks(project):
+    pretrain(project, "biped")
+    build.make("table3")
+    assert build.make("readme") and build.make("readme") is None
+    text = (project / "README.md").read_text()
+    assert text.startswith("# Results\n") and text.endswith(f"{readme.END}\nmore\n")
+    assert "| (c) | Biped " in text and "| 345 ± 1.3 " in text and "| 305 ± 2.9 *" in text
+    (project / "README.md").write_text(text.replace("345", "999"))
+    assert build.make("readme") and (project / "README.md").read_text() == text
 
 
 def test_unknown_item_is_named():
@@ -210,18 +238,26 @@ def test_table1_prints_the_papers_body_from_the_authors_weights(zoo_agent):
 def test_table2_prints_the_papers_legs_from_the_authors_weights(zoo_agent):
     for name in table2.WALKERS:
         printed = scores.paper()["table2"][name]
-        s = scores.Score(ZOO, "", zoo_agent(name), np.zeros(100))
-        cells, _ = table2.measured(["", "", ""], s)
-        assert cells[4] == f"{printed['leg_area']}%"
-        assert [float(cell) for cell in cells[5:]] == printed["dimensions"]
+        area, sizes = table2.legs(zoo_agent(name).scales)
+        assert round(area) == printed["leg_area"]
+        assert sizes.round(1).tolist() == printed["dimensions"]
+
+
+def test_cells_lead_to_where_their_numbers_come_from():
+    ours = tables.row(["(f)"], "ours, seed 0", ["281", ""], "biped-hardcore")
+    assert list(map(report.linked, ours)) == ["(f)", "ours, seed 0", "[281](#origin-f)", ""]
+    paper = tables.row(["(f)"], tables.PAPER, ["300", ""], "biped-hardcore")
+    assert list(map(report.linked, paper)) == ["(f)", "[paper](paper.toml)", "300", ""]
+    table = tables.Table("t", "T", ["", "", "", ""], [ours, None, paper], [], [{}])
+    assert "[" not in table.markdown() + table.latex()
 
 
 def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, zoo_agent):
     zoo_agent("biped")  # skips without the author's weights
     clone = project / "clones" / "estool" / "zoo"
     (clone / "more" / "biped").mkdir(parents=True)
-    shutil.copyfile(ZOO / "biped.json", clone / "biped.json")
-    shutil.copyfile(ZOO / "biped.json", clone / "more" / "biped" / "biped.7.json")
+    for name in ("biped.json", "more/biped/biped.7.json"):
+        shutil.copyfile(published(zoo_folder(), "biped"), clone / name)
     monkeypatch.setenv("ZOO", str(project / "clones"))
     assert build.make("table4")
     lines = (project / "paper/with-zoo/tables/table4.md").read_text().splitlines()
@@ -234,7 +270,7 @@ def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, zoo_agent):
 def test_wrong_zoo_says_what_was_looked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("ZOO", str(tmp_path))
     with pytest.raises(SystemExit, match="looked in it.*robo_ant.json.*augmentbiped.json"):
-        scores.zoo_argument()
+        scores.zoo()
 
 
 # ------------------------------------------------------------------------------------- statistics
@@ -282,57 +318,60 @@ def test_three_runs_against_three_decide_nothing(runs, said):
 
 def test_walk_scores_what_an_evaluation_scores():
     agent = random_agent("biped-morphology")
-    from designrl.evaluation import evaluate
-
-    [expected] = evaluate(agent, episodes=1, seed=0).scores
+    evaluation = evaluate(agent, episodes=1, seed=0)
     seed = int(drawing.episode_seeds(0, 1)[0])
-    w = drawing.walk(agent.experiment, agent.body, agent, seed)
-    assert w.score == expected
-    assert len(w.moments) == w.steps == len(w.x)
+    w = drawing.walk(agent, seed)
+    assert w.score == evaluation.scores[0]
+    assert len(w.moments) == len(w.x) == evaluation.steps[0] + 1
 
 
 def test_strip_shows_moments_in_order_and_where_it_fell():
     body = [(np.zeros((3, 2)), (0, 0, 0), (0, 0, 0))]
     w = drawing.Walk(moments=[[(b[0] + i, *b[1:]) for b in body] for i in range(5)])
     w.x = [4.0, 5.0, 8.5, 9.0, 8.0]
-    chosen = drawing.chosen_moments(w, start=2.0, span=36.0, spacing=4.0)
+    chosen = drawing.chosen_moments(w, spacing=4.0)
     assert [shapes[0][0][0, 0] for shapes in chosen] == [0, 2, 4]
 
 
-def test_figure_without_a_checkpoint_shows_the_papers_design(project):
-    assert len(figure4.main()) == 3
-    svg = (project / "paper/figures/figure4.svg").read_text()
-    assert "no checkpoint of ours yet" in svg
-    body = drawing.resting_body("biped-morphology") * WALKER.design.originals
-    assert np.allclose(body, scores.paper()["table2"]["biped-morphology"]["dimensions"], atol=0.1)
+def test_figure_without_a_checkpoint_says_so(project):
+    assert len(build.make("figure4")) == len(build.make("figure3")) == 3
+    for name in ("figure3", "figure4"):
+        assert "no checkpoint yet" in (project / f"paper/figures/{name}.svg").read_text()
 
 
-def test_learning_curve_is_the_recordings(project):
-    folder = project / "logs" / "biped" / "seed0"
-    settings = TrainSettings(
-        "biped", generations=4, population=4, rollouts=((0, 1),), evaluate_every=2
-    )
+@pytest.fixture
+def trained(project):
+    """The folder of a short run."""
+    folder = project / "runs" / "biped" / "seed0"
+    settings = TrainSettings.of("biped", generations=5, population=4, rollouts=1, evaluate_every=2)
     TrainingRun(settings, folder).run()
-    c = figure5.curve(read(folder / "generations.mcap"))
-    assert c.at[0].tolist() == [0, 1, 2, 3] and c.tested.tolist() == [1, 3]
-    assert (np.diff(c.at[1:]) > 0).all() and c.episodes == "4"
-    assert figure5.solved_at(c) is None
+    return folder
+
+
+def test_learning_curve_is_the_recordings(trained, project, monkeypatch):
+    path = project / "logs" / "biped" / "seed0" / "generations.mcap"
+    path.parent.mkdir(parents=True)
+    shutil.copyfile(trained / "generations.mcap", path)
+    run = runs.read_run(path)
+    assert run.generation.tolist() == [0, 1, 2, 3, 4] and run.tested.tolist() == [1, 3, 4]
+    assert (np.diff(run.steps) > 0).all() and run.episodes == "4" and run.solved_at() is None
     assert build.make("figure5") and build.make("figure5") is None
+    monkeypatch.setattr(runs, "cpu_seconds", lambda recording: None)
+    assert [axes.get_xlabel() for axes in figure5.curves(("biped", "ant")).axes[2:]] == [
+        *figure5.AXES[:2]
+    ], "no core-hours where none were recorded"
+    monkeypatch.setattr(runs, "cpu_seconds", lambda recording: np.arange(5.0))
+    assert figure5.curves(("biped", "ant")).axes[5].get_xlabel() == "core-hours"
 
 
 # ------------------------------------------------------------------------------------- publishing
 
 
 @pytest.fixture
-def published(project):
+def published_run(trained, project):
     """A run's folder and the checkpoint that was published from it."""
-    run = project / "runs" / "biped" / "seed0"
-    settings = TrainSettings(
-        "biped", generations=5, population=4, rollouts=((0, 1), (5, 2)), evaluate_every=2
-    )
-    TrainingRun(settings, run).run()
-    publish.publish(run)
-    return run, project / "pretrained" / "biped" / "seed0.safetensors"
+    publish.publish(trained)
+    return trained, project / "pretrained" / "biped" / "seed0.safetensors"
 
 
 def contents(project) -> dict[Path, bytes]:
@@ -340,14 +379,36 @@ def contents(project) -> dict[Path, bytes]:
     return {p: p.read_bytes() for f in folders for p in f.rglob("*") if p.is_file()}
 
 
-def test_publishing_again_keeps_the_notes_and_gives_the_same_files(published, project):
-    run, checkpoint = published
-    card = checkpoint.with_suffix(".md")
-    assert "| rollouts per candidate | 1 | 16 |" in card.read_text(), "5:2 was never reached"
-    card.write_text(card.read_text() + "\n## Notes\nmine\n")
+def test_what_is_published_and_publishing_again_gives_the_same_files(published_run, project):
+    run, checkpoint = published_run
     before = contents(project)
+    files = sorted(str(path.relative_to(project)) for path in before)
+    rollouts = files[1:-3]
+    assert 1 <= len(rollouts) <= 3 and all(
+        path.startswith("logs/biped/seed0/rollouts/") for path in rollouts
+    )
+    assert [path for path in files if path not in rollouts] == [
+        "logs/biped/seed0/generations.mcap",
+        *(f"pretrained/biped/seed0.{kind}" for kind in ("md", "png", "safetensors")),
+    ]
+    card = checkpoint.with_suffix(".md").read_text()
+    assert "designrl train biped --recipe paper --seed 0 --generations 5" in card
+    assert f"sha256 {file_hash(checkpoint)}" in card and str(project) not in card
     publish.publish(run)
     assert contents(project) == before
+
+
+def test_card_says_the_body_that_was_found():
+    agent, returns = random_agent("ant-morphology"), np.arange(100.0)
+    agent.metadata |= {"seed": 0, "generation": 1, "score": 1.0, "score_episodes": 4}
+    agent.metadata["settings"] = TrainSettings.of("ant-morphology").as_dict()
+    s = scores.Score(Path("seed0.safetensors"), "", agent, returns)
+    one = np.ones(1)
+    run = runs.Run("a machine", one, one, one, 7200 * one, one, one, one, one, "4")
+    card = publish.card(s, run)
+    assert "2.00 core-hours" in card
+    assert re.search(r"\| front left top +\| \d+ % \(0.\d+\)", card)
+    assert card.count(" % (") == 36 and len(card.splitlines()) < 40, "it fits a screen"
 
 
 def test_the_rollout_between_is_half_way_up_not_half_way_through():
@@ -365,8 +426,8 @@ def test_the_rollout_between_is_half_way_up_not_half_way_through():
 
 
 @pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap", "rollouts"])
-def test_a_damaged_run_leaves_what_is_published(published, project, name):
-    run, _ = published
+def test_a_damaged_run_leaves_what_is_published(published_run, project, name):
+    run, _ = published_run
     before = contents(project)
     if name == "rollouts":
         shutil.rmtree(run / name)
@@ -377,13 +438,13 @@ def test_a_damaged_run_leaves_what_is_published(published, project, name):
     assert contents(project) == before
 
 
-def test_a_worse_run_is_published_only_when_asked(published, project):
-    run, checkpoint = published
-    better = load(checkpoint)
-    better.metadata["score"] += 1
-    save(better, checkpoint)
+def test_another_run_is_published_only_when_asked(published_run, project):
+    run, checkpoint = published_run
+    other = load(checkpoint)
+    other.metadata["score"] += 1
+    save(other, checkpoint)
     before = contents(project)
-    with pytest.raises(SystemExit, match="seed0.safetensors scored .* add --replace"):
+    with pytest.raises(SystemExit, match="seed0.safetensors is of another run; add --replace"):
         publish.main([str(run)])
     assert contents(project) == before
     publish.main([str(run), "--replace"])

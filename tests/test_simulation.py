@@ -18,7 +18,6 @@ from designrl.policy import Agent
 from designrl.simulation import (
     PIECES_PER_WORKER,
     CandidateError,
-    EpisodeRules,
     Simulator,
     _pieces,
 )
@@ -39,7 +38,7 @@ def test_rollout_is_the_episode_that_a_user_would_run():
     for i in range(2):
         agent = Agent(get_experiment(name), parameters[i])
         for j in range(2):
-            env = gymnasium.make(agent.experiment.env_id, design=agent.design)
+            env = gymnasium.make(agent.experiment.env_id, design=agent.design)  # not our own loop
             observation, _ = env.reset(seed=int(seeds[i, j]))
             total, steps, ended = 0.0, 0, False
             while not ended:
@@ -62,32 +61,32 @@ def test_results_do_not_depend_on_the_number_of_workers():
         np.testing.assert_array_equal(other.steps, results[0].steps)
 
 
-def test_training_forgives_the_fall():
+def test_shaped_rewards_forgive_the_fall():
     parameters, seeds = candidates("biped", 4), np.arange(4)[:, None]
     with Simulator("biped", "reference") as simulator:
         plain = simulator.rollout(parameters, seeds)
-        training = simulator.rollout(parameters, seeds, EpisodeRules(training=True))
+        shaped = simulator.rollout(parameters, seeds, shaped=True)
     fell = plain.steps < 1600
     assert fell.any()
-    np.testing.assert_allclose((training.returns - plain.returns)[fell], 100.0)
-    np.testing.assert_array_equal(plain.steps, training.steps)
+    np.testing.assert_allclose((shaped.returns - plain.returns)[fell], 100.0)
+    np.testing.assert_array_equal(plain.steps, shaped.steps)
 
 
-def test_training_rewards_a_solved_episode_and_evaluation_does_not(zoo_agent):
+def test_shaped_rewards_add_a_hundred_to_a_solved_episode(zoo_agent):
     agent = zoo_agent("biped-morphology")
     with Simulator("biped-morphology", "reference") as simulator:
         plain = simulator.rollout(agent.parameters[None], np.array([[0]]))
-        training = simulator.rollout(agent.parameters[None], [[0]], EpisodeRules(training=True))
+        shaped = simulator.rollout(agent.parameters[None], [[0]], shaped=True)
     assert plain.returns[0, 0] > 300
-    assert training.returns[0, 0] == pytest.approx(plain.returns[0, 0] + 100)
+    assert shaped.returns[0, 0] == pytest.approx(plain.returns[0, 0] + 100)
 
 
 def test_smaller_legs_multiply_the_rewards_of_training_only():
     name = "biped-morphology-smaller-leg"
     parameters, seeds = candidates(name, 3, scale=0.5), np.arange(3)[:, None]
     with Simulator(name, "reference") as simulator:
-        forgiven = simulator.rollout(parameters, seeds, EpisodeRules(training=True))
-        scaled = simulator.rollout(parameters, seeds, EpisodeRules(True, leg_area_reward=True))
+        forgiven = simulator.rollout(parameters, seeds, shaped=True)
+        scaled = simulator.rollout(parameters, seeds, training=True, shaped=True)
     design = get_experiment(name).design
     factor = leg_area_reward_factor(design.scales(parameters[:, -8:]))
     np.testing.assert_allclose(scaled.returns[:, 0], factor * forgiven.returns[:, 0])
@@ -196,7 +195,7 @@ def test_a_candidate_that_cannot_be_simulated_is_named(workers, monkeypatch):
         simulator.rollout(parameters, np.zeros((3, 1), dtype=int))
     pieces = [(slice(0, 2), slice(0, 1)), (slice(2, 3), slice(0, 1))]
     monkeypatch.setattr("designrl.simulation._pieces", lambda *_: pieces)
-    monkeypatch.setattr("designrl.simulation.run_episodes", fail_for_candidate_one)
+    monkeypatch.setattr("designrl.simulation.run_episode", fail_for_seed_eight)
     with (
         Simulator("biped", "reference") as simulator,
         pytest.raises(CandidateError, match="candidate 1 cannot be simulated: Runtime"),
@@ -204,11 +203,10 @@ def test_a_candidate_that_cannot_be_simulated_is_named(workers, monkeypatch):
         simulator.rollout(candidates("biped", 3), np.array([[7], [8], [9]]))
 
 
-def fail_for_candidate_one(*arguments):
-    seeds = arguments[-1]
-    if seeds[0] == 8:
+def fail_for_seed_eight(env, agent, seed, shaping):
+    if seed == 8:
         raise RuntimeError("the simulator is broken")
-    return np.zeros(len(seeds)), np.ones(len(seeds), dtype=np.int64)
+    return 0.0, 1
 
 
 @pytest.mark.parametrize(
@@ -238,9 +236,9 @@ def test_wrong_input_is_refused():
                 simulator.rollout(np.zeros((1, 2804)), seeds)
         with pytest.raises(InputError, match="candidate 1: parameter 0 is not a finite"):
             simulator.rollout([[0.0] * 2804, [np.nan] * 2804], [[0], [0]])
-    with pytest.raises(InputError, match="lidar"):
-        Simulator("ant", lidar="v9")
-    with pytest.raises(InputError, match="ant has no LIDAR"):
+    with pytest.raises(InputError, match="lidar is 'v9'"):
+        Simulator("biped", lidar="v9")
+    with pytest.raises(InputError, match="ant has no lidar; leave it out"):
         Simulator("ant", lidar="v3")
     with pytest.raises(InputError, match="does not have the network"):
         Simulator("biped", network=PUBLISHED_ANT_NETWORK)

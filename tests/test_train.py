@@ -1,3 +1,4 @@
+import dataclasses
 import shutil
 import signal
 import subprocess
@@ -7,20 +8,23 @@ import time
 import numpy as np
 import pytest
 
-from designrl import plan, simulation
+from designrl import cli, plan, simulation
+from designrl.bodies.walker import leg_area_reward_factor
 from designrl.checkpoint import load, read_tensors, write_tensors
 from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.recording import read
-from designrl.settings import TrainSettings, parse_schedule
-from designrl.simulation import EpisodeRules, Simulator
+from designrl.reinforce import Reinforce
+from designrl.settings import TrainSettings
+from designrl.simulation import Simulator
 from designrl.train import STATE_FORMAT, TrainingRun
 
-SMALL = {"generations": 5, "population": 4, "rollouts": ((0, 1), (3, 2)), "evaluate_every": 2}
+SMALL = {"generations": 5, "population": 4, "rollouts": 2, "evaluate_every": 2}
 
 
 def settings(experiment="biped-morphology", **changes):
-    return TrainSettings(experiment, **{**SMALL, "evaluation_episodes": 3, **changes})
+    return TrainSettings.of(experiment, **{**SMALL, "evaluation_episodes": 3, **changes})
 
 
 def train(folder, experiment="biped-morphology", workers=1, resume=False, **changes):
@@ -42,7 +46,7 @@ def test_a_runs_folder_holds_what_the_design_says(undisturbed):
     assert names == {"best.safetensors", "state.safetensors", "generations.mcap", "rollouts"}
     agent = load(undisturbed / "best.safetensors")
     assert agent.metadata["seed"] == 0
-    assert agent.metadata["settings"]["population"] == [[0, 4]]
+    assert agent.metadata["settings"]["population"] == 4
     assert agent.metadata["generation"] in (2, 4, 5)
     assert {"designrl", "box2d-py", "sources"} <= agent.metadata["versions"].keys()
     np.testing.assert_array_equal(agent.parameters, agent.parameters.round(4))
@@ -91,8 +95,8 @@ def test_an_interrupted_run_ends_with_the_same_bytes(
         train(tmp_path)
     monkeypatch.undo()
     train(tmp_path, resume=True)
-    for name in ("best.safetensors",):
-        assert file_hash(tmp_path / name) == file_hash(undisturbed / name)
+    name = "best.safetensors"
+    assert file_hash(tmp_path / name) == file_hash(undisturbed / name)
     found, expected = (read(f / "generations.mcap") for f in (tmp_path, undisturbed))
     for field in ("mu", "sigma"):
         np.testing.assert_array_equal(
@@ -126,21 +130,21 @@ def test_a_pair_of_candidates_meets_the_same_episodes(tmp_path):
     assert (run._episode_seeds(4) != seeds).any()
 
 
-def test_only_training_forgives_falls_and_both_reward_smaller_legs(tmp_path, monkeypatch):
-    rules = []
-    original = Simulator.rollout
-
-    def spy(self, candidates, seeds, used=None, *args, **kwargs):
-        rules.append((len(candidates), used))
-        return original(self, candidates, seeds, used, *args, **kwargs)
-
-    monkeypatch.setattr(Simulator, "rollout", spy)
+def test_evaluations_have_the_environments_rewards_with_the_factor_for_smaller_legs(tmp_path):
     train(tmp_path, "biped-morphology-smaller-leg", generations=2)
-    assert rules == [
-        (4, EpisodeRules(training=True, leg_area_reward=True)),
-        (4, EpisodeRules(training=True, leg_area_reward=True)),
-        (1, EpisodeRules(training=False, leg_area_reward=True)),
-    ]
+    recording = read(tmp_path / "generations.mcap")
+    experiment = get_experiment("biped-morphology-smaller-leg")
+    agent = load(tmp_path / "best.safetensors")
+    factor = leg_area_reward_factor(agent.scales)
+    evaluation = recording.first("/evaluation")
+    with Simulator(experiment, "reference") as simulator:
+        plain = simulator.rollout(agent.parameters[None], np.array([list(evaluation.seeds)]))
+    fell = plain.steps[0] < 1600
+    assert fell.any()
+    expected = np.where(fell, factor * (plain.returns[0] + 100) - 100, factor * plain.returns[0])
+    np.testing.assert_allclose(evaluation.scores, expected)
+    # In training a fall costs nothing, so no return is near -100.
+    assert recording.array("/returns", "returns").min() > -60
 
 
 def test_the_kept_agent_is_the_best_candidate_or_the_mean(tmp_path):
@@ -151,27 +155,18 @@ def test_the_kept_agent_is_the_best_candidate_or_the_mean(tmp_path):
         assert is_mean == (keep == "mean")
 
 
-def test_what_is_kept_may_change_when_a_run_is_resumed(tmp_path):
-    before = train(tmp_path, generations=2).optimiser.mu.numpy()
-    after = train(tmp_path, generations=3, keep="mean", evaluate_every=1, resume=True)
-    straight = train(tmp_path / "straight", generations=3, keep="mean", evaluate_every=1)
-    assert (after.optimiser.mu.numpy() != before).any()
-    np.testing.assert_array_equal(after.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
-
-
 def test_the_recorded_command_gives_the_run_again():
-    assert settings().command() == (
-        "designrl train biped-morphology --seed 0 --generations 5 --population 4 --rollouts 1,3:2 "
-        "--preset published --sigma-decay 0.9995 --learning-rate 0.01 --weight-decay 0.005 "
-        "--decoupled-weight-decay 0.0 --shaped-rewards 1 --evaluate-every 2 --keep best "
-        "--evaluation-episodes 3"
+    ours = settings(shaped_rewards=False, seed=3)
+    assert ours.command() == (
+        "designrl train biped-morphology --recipe paper --seed 3 --generations 5 --population 4 "
+        "--rollouts 2 --no-shaped-rewards --evaluate-every 2 --evaluation-episodes 3"
     )
-
-
-def test_a_short_command_names_what_is_not_the_papers():
-    ours = TrainSettings("biped", seed=3, rollouts=((0, 1), (600, 4)))
-    command = ours.command(with_defaults=False)
-    assert command == "designrl train biped --seed 3 --rollouts 1,600:4"
+    words = ours.command().split()[1:]
+    again = cli.settings_of(cli.parser().parse_args(words))
+    assert again == ours
+    assert TrainSettings.of("ant", "zoo", seed=1).command() == (
+        "designrl train ant --recipe zoo --seed 1"
+    )
 
 
 def test_a_folder_with_a_run_is_not_overwritten(undisturbed, tmp_path):
@@ -199,7 +194,7 @@ def test_info_describes_a_state(undisturbed):
 
     text = describe(undisturbed / "state.safetensors")
     assert "biped-morphology" in text
-    assert "generations  5" in text
+    assert "generation       5\n" in text
 
 
 def test_a_damaged_state_is_named_and_left_alone(tmp_path):
@@ -219,148 +214,76 @@ def test_two_runs_cannot_share_a_folder(tmp_path):
         second.run()
 
 
-def test_defaults_are_the_papers():
-    defaults = TrainSettings("biped-hardcore")
-    assert (defaults.generations, defaults.population, defaults.rollouts) == (
-        10000,
-        ((0, 192),),
-        ((0, 16),),
-    )
-    assert TrainSettings("ant").generations == 3000
-    assert TrainSettings("biped").reinforce.sigma_start == 0.1
+def test_the_papers_recipe_has_the_papers_numbers():
+    found = TrainSettings.of("biped-hardcore")
+    assert (found.generations, found.population, found.rollouts) == (10000, 192, 16)
+    assert TrainSettings.of("ant").generations == 3000
+    assert TrainSettings.of("biped").sigma_start == 0.1
+    assert TrainSettings.of("biped").shaped_rewards and not TrainSettings.of("ant").shaped_rewards
 
 
-def test_rollouts_are_a_number_or_a_schedule():
-    assert parse_schedule("rollouts", "16") == ((0, 16),)
-    assert parse_schedule("rollouts", "1,600:4,900:16") == ((0, 1), (600, 4), (900, 16))
-    schedule = TrainSettings("biped", rollouts=parse_schedule("rollouts", "1,600:4,900:16"))
-    assert [schedule.at("rollouts", g) for g in (0, 599, 600, 899, 5000)] == [1, 1, 4, 4, 16]
-    for wrong in ("", "x", "1,2", "1:2", "1,a:3"):
-        with pytest.raises(InputError, match="1,600:4"):
-            parse_schedule("rollouts", wrong)
-    with pytest.raises(InputError, match="go up"):
-        TrainSettings("biped", rollouts=((0, 1), (5, 2), (5, 3)))
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_recipe_is_valid_and_the_same_for_every_seed(name):
+    for recipe in ("paper", "zoo", "plain"):
+        one, other = (TrainSettings.of(name, recipe, seed=seed) for seed in (0, 7))
+        assert dataclasses.replace(one, seed=7) == other
+        Reinforce(3, one.population, one)
+    with pytest.raises(InputError, match="recipe is 'zo'; it must be one of paper, zoo, plain"):
+        TrainSettings.of(name, "zo")
 
 
-def test_the_population_follows_its_schedule(tmp_path):
-    schedule = ((0, 4), (2, 6), (3, 2))
-    straight = train(tmp_path, population=schedule)
+def test_only_the_number_of_generations_may_grow_when_a_run_is_resumed(tmp_path):
+    train(tmp_path, generations=2)
+    with pytest.raises(InputError, match="learning_rate = 0.01, not 0.02"):
+        train(tmp_path, generations=4, learning_rate=0.02, resume=True)
+    with pytest.raises(InputError, match="generations = 2, not 1"):
+        train(tmp_path, generations=1, resume=True)
+    longer = train(tmp_path, generations=4, resume=True)
+    straight = train(tmp_path / "straight", generations=4)
+    np.testing.assert_array_equal(longer.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
     recording = read(tmp_path / "generations.mcap")
-    sizes = [len(m.returns) // m.rollouts for m in recording.messages("/returns")]
-    assert sizes == [4, 4, 6, 2, 2]
-    train(tmp_path / "stopped", population=schedule, generations=2)
-    resumed = train(tmp_path / "stopped", population=schedule, resume=True)
-    np.testing.assert_array_equal(resumed.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
+    assert recording.generations.tolist() == [0, 1, 2, 3]
+    assert (np.diff(recording.array("/summary", "cpu_seconds")) > 0).all()
 
 
-def test_schedules_may_be_changed_for_generations_to_come(tmp_path):
-    train(tmp_path / "changed", generations=2, population=4, rollouts=1)
-    new = {"population": ((0, 4), (2, 6)), "rollouts": ((0, 1), (1, 1), (3, 2))}
-    with pytest.raises(InputError, match="population = 4, not 4,1:6; .* up to generation 2"):
-        train(tmp_path / "changed", population=((0, 4), (1, 6)), rollouts=1, resume=True)
-    changed = train(tmp_path / "changed", resume=True, **new)
-    straight = train(tmp_path / "straight", **new)
-    np.testing.assert_array_equal(changed.optimiser.mu.numpy(), straight.optimiser.mu.numpy())
-
-
-def test_the_learning_rate_follows_its_schedule(tmp_path):
-    schedule = parse_schedule("learning_rate", "0.01,2:0.002")
-    assert schedule == ((0, 0.01), (2, 0.002))
-    run = train(tmp_path, learning_rate=schedule)
+def test_the_learning_rate_falls_to_its_floor(tmp_path):
+    falling = {"learning_rate_decay": 0.5, "learning_rate_floor": 0.004}
+    run = train(tmp_path, **falling)
     mu = read(tmp_path / "generations.mcap").array("/distribution", "mu")
     steps = np.abs(np.diff([*mu, run.optimiser.mu.numpy()], axis=0)).max(axis=1)
-    assert (steps[:2] > 0.009).all() and (steps[2:] < 0.005).all(), "Adam's step is the rate"
-    train(tmp_path / "stopped", generations=3)
-    with pytest.raises(InputError, match="learning_rate = 0.01, not 0.01,2:0.002"):
-        train(tmp_path / "stopped", learning_rate=schedule, resume=True)
-    train(tmp_path / "stopped", learning_rate=((0, 0.01), (3, 0.1)), resume=True)
+    np.testing.assert_allclose(steps[0], 0.01, rtol=1e-3)  # Adam's first step is the rate
+    assert [run.settings.learning_rate_at(g) for g in range(4)] == [0.01, 0.005, 0.004, 0.004]
+    assert steps[4] < 0.006
 
 
-def test_sigma_follows_the_schedule_of_its_decay(tmp_path):
-    schedule = parse_schedule("sigma_decay", "0.9,2:1.25")
-    run = train(tmp_path, sigma_decay=schedule)
-    sigma = read(tmp_path / "generations.mcap").array("/distribution", "sigma")
-    sigma = np.array([*sigma, run.optimiser.sigma.numpy()])
-    # The published rule moves single σ as well, by some per mille in a generation.
-    np.testing.assert_allclose(
-        np.median(sigma[1:] / sigma[:-1], axis=1), [0.9, 0.9, 1.25, 1.25, 1.25], rtol=0.01
-    )
-    train(tmp_path / "changed", sigma_decay=0.9, generations=2)
-    changed = train(tmp_path / "changed", sigma_decay=schedule, resume=True)
-    np.testing.assert_array_equal(changed.optimiser.sigma.numpy(), run.optimiser.sigma.numpy())
-    with pytest.raises(InputError, match="sigma_decay = 0.9,2:1.25, not 0.9"):
-        train(tmp_path / "changed", sigma_decay=0.9, generations=6, resume=True)
-
-
-def test_a_larger_weight_decay_makes_weights_smaller_from_its_generation_on(tmp_path):
-    few = {"population": 16, "generations": 12, "evaluate_every": 12}
-    plain = train(tmp_path / "plain", **few)
-    schedule = parse_schedule("weight_decay", "0.005,6:10000")
-    decayed = train(tmp_path / "decayed", weight_decay=schedule, **few)
-    ours, theirs = (
-        read(tmp_path / name / "generations.mcap").array("/distribution", "mu")
-        for name in ("decayed", "plain")
-    )
-    np.testing.assert_array_equal(ours[:7], theirs[:7])
-    assert (decayed.optimiser.mu**2).sum() < 0.9 * (plain.optimiser.mu**2).sum()
-
-
-def test_a_decoupled_weight_decay_shrinks_all_weights_alike_from_its_generation_on(tmp_path):
-    few = {"population": 8, "generations": 6, "evaluate_every": 6}
-    train(tmp_path / "plain", **few)
-    schedule = parse_schedule("decoupled_weight_decay", "0,4:2")
-    train(tmp_path / "decayed", decoupled_weight_decay=schedule, **few)
-    ours, theirs = (
-        read(tmp_path / name / "generations.mcap").array("/distribution", "mu")
-        for name in ("decayed", "plain")
-    )
-    np.testing.assert_array_equal(ours[:5], theirs[:5])
-    np.testing.assert_allclose(ours[5] - theirs[5], -0.01 * 2 * theirs[4], atol=1e-6)
-
-
-def test_training_takes_the_environments_rewards_where_they_are_not_shaped(tmp_path):
-    schedule = parse_schedule("shaped_rewards", "1,2:0")
-    train(tmp_path, shaped_rewards=schedule, generations=4)
-    returns = [list(m.returns) for m in read(tmp_path / "generations.mcap").messages("/returns")]
+@pytest.mark.parametrize("shaped", [True, False])
+def test_training_takes_the_environments_rewards_where_they_are_not_shaped(shaped, tmp_path):
+    train(tmp_path, shaped_rewards=shaped, generations=2)
+    lowest = read(tmp_path / "generations.mcap").array("/returns", "returns").min()
     # Walkers that have learned nothing yet stand or fall, and a fall is -100.
-    assert min(map(min, returns[:2])) > -60 and max(map(min, returns[2:])) < -90, returns
-    with pytest.raises(InputError, match="shaped_rewards = 1,2:0, not 1"):
-        train(tmp_path, generations=5, resume=True)
-
-
-def test_a_state_of_earlier_versions_has_the_presets_rates(tmp_path):
-    train(tmp_path, generations=2)
-    state = tmp_path / "state.safetensors"
-    tensors, metadata = read_tensors(state, STATE_FORMAT)
-    metadata["settings"] |= {"learning_rate": None, "sigma_decay": None}
-    del metadata["settings"]["shaped_rewards"], metadata["settings"]["weight_decay"]
-    del metadata["settings"]["decoupled_weight_decay"]
-    write_tensors(state, tensors, metadata, STATE_FORMAT)
-    train(tmp_path, generations=3, resume=True)
+    assert lowest > -60 if shaped else lowest < -90
 
 
 def test_wrong_settings_are_refused():
     with pytest.raises(InputError, match="population is 3; .* even"):
-        TrainingRun(TrainSettings("biped", population=((0, 4), (9, 3))), "unused")
+        TrainingRun(settings(population=3), "unused")
     for value in (0.0, -1.0, float("nan"), float("inf"), 1e300):
-        for name in ("sigma_start", "sigma_decay", "learning_rate"):
+        for name in ("sigma_start", "sigma_decay", "learning_rate", "learning_rate_decay"):
             with pytest.raises(InputError, match=name.replace("_", "-")):
                 settings(**{name: value})
     for value in (-1.0, float("nan"), 1e300):
-        with pytest.raises(InputError, match="weight-decay is .* from 0 to 10000"):
+        with pytest.raises(InputError, match="weight-decay is .* at least 0 and at most 10000"):
             settings(weight_decay=value)
-        with pytest.raises(InputError, match="decoupled-weight-decay is .* from 0 to 1"):
-            settings(decoupled_weight_decay=value)
-    with pytest.raises(InputError, match="shaped-rewards is 2; it must be 0 or 1"):
-        settings(shaped_rewards=2)
+    with pytest.raises(InputError, match="ant has no shaped rewards"):
+        settings("ant", shaped_rewards=True)
     huge = 10**20
-    for wrong in ({"population": huge}, {"rollouts": ((0, 1), (2, huge))}):
+    for wrong in ({"population": huge}, {"rollouts": huge}):
         with pytest.raises(InputError, match="a generation .* can be at most"):
             settings(**wrong)
     with pytest.raises(InputError, match="an evaluation .* can be at most"):
         settings(evaluation_episodes=huge)
-    for wrong in ({"generations": 0}, {"seed": -1}, {"preset": "x"}, {"keep": "x"}):
-        with pytest.raises(InputError):
+    for wrong in ({"generations": 0}, {"seed": -1}, {"keep": "x"}, {"rollouts": 0}):
+        with pytest.raises(InputError, match=f"{next(iter(wrong))} is"):
             settings(**wrong)
 
 
@@ -386,14 +309,14 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 
 def test_a_candidate_that_cannot_be_simulated_stops_the_run_and_is_kept(tmp_path, monkeypatch):
-    def break_down(*arguments):
-        if arguments[-1][0] == bad:
+    def break_down(env, agent, seed, shaping):
+        if seed == bad:
             raise RuntimeError("the simulator is broken")
-        return original(*arguments)
+        return original(env, agent, seed, shaping)
 
-    original = simulation.run_episodes
+    original = simulation.run_episode
     bad = TrainingRun(settings(), tmp_path / "x")._episode_seeds(2)[1, 0]
-    monkeypatch.setattr(simulation, "run_episodes", break_down)
+    monkeypatch.setattr(simulation, "run_episode", break_down)
     with pytest.raises(InputError, match="candidate 1 of generation 2") as caught:
         train(tmp_path)
     path = tmp_path / "failed-generation00002-candidate1.safetensors"
@@ -403,7 +326,7 @@ def test_a_candidate_that_cannot_be_simulated_stops_the_run_and_is_kept(tmp_path
     assert read(tmp_path / "generations.mcap").generations.tolist() == [0, 1]
     monkeypatch.undo()
     run = TrainingRun(settings(), tmp_path, backend="reference", resume=True)
-    assert run.optimiser.generation == 2
+    assert run.progress.generation == 2
     np.testing.assert_array_equal(run.candidates()[1], agent.parameters)
     run.run()
     assert run.finished
@@ -452,7 +375,7 @@ def test_a_plan_counts_what_a_run_does(tmp_path):
     found = plan.plan(run)
     assert not out.exists()
     assert (found.generations, found.rollouts) == (7, 4)
-    assert found.training_episodes == 3 * 4 + 4 * 8
+    assert found.training_episodes == 7 * 8
     assert found.evaluation_episodes == 4 * 3
     assert 10 < found.steps_at_start <= found.steps_at_most == 1600
     run.run()
@@ -462,7 +385,7 @@ def test_a_plan_counts_what_a_run_does(tmp_path):
     assert rollouts < 1.5 * found.rollouts * found.rollout_bytes
     assert plan.plan(run).episodes == 0
     lines = plan.describe(run, found).splitlines()
-    assert "44 episodes in training and 12 in evaluations" in lines[2]
+    assert "56 episodes in training and 12 in evaluations" in lines[2]
 
 
 def test_a_plan_that_does_not_fit_on_the_disk_is_refused(tmp_path, monkeypatch):

@@ -23,7 +23,7 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATIONS = 12
-ARGUMENTS = ["biped-morphology", "--population", "6", "--rollouts", "1,6:2", "--workers", "2"]
+ARGUMENTS = ["biped-morphology", "--population", "6", "--rollouts", "2", "--workers", "2"]
 ARGUMENTS += ["--evaluate-every", "2", "--evaluation-episodes", "3"]
 ARGUMENTS += ["--generations", str(GENERATIONS)]
 VICTIMS = {

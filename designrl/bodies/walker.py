@@ -9,6 +9,7 @@ import numpy as np
 
 from designrl.bodies import GROUND_COLOR, GROUND_HALF_WIDTH, OBSTACLE_COLOR, Body, Poses, urdf
 from designrl.design import DesignSpace
+from designrl.errors import InputError
 
 SCALE = 30.0  # Box2D units of the dimensions per m
 HULL = ((-30, 9), (6, 9), (34, 1), (34, -8), (-30, -8))  # corners, in 1/30 m (Gymnasium's)
@@ -173,3 +174,14 @@ def leg_area(scales: np.ndarray) -> np.ndarray:
 def leg_area_reward_factor(scales: np.ndarray) -> np.ndarray:
     """1 + ln(original leg area / leg area): the reward's factor for smaller legs (section 4.2)."""
     return 1.0 + np.log(leg_area(np.ones(WALKER.design.size)) / leg_area(scales))
+
+
+def is_closest_lidar(version: str) -> bool:
+    """Whether a ray ends at the closest hit ("v3") or at the first that is reported ("v2").
+
+    Raises:
+        InputError: neither of the two.
+    """
+    if version not in ("v2", "v3"):
+        raise InputError(f'lidar is {version!r}; it must be "v2" (the paper\'s) or "v3"')
+    return version == "v3"

@@ -13,7 +13,7 @@ from gymnasium.envs.box2d.bipedal_walker import (
 )
 from gymnasium.utils import EzPickle
 
-from designrl.bodies.walker import WALKER, leg_area_reward_factor
+from designrl.bodies.walker import WALKER, is_closest_lidar, leg_area_reward_factor
 from designrl.envs.action import checked_action
 from designrl.errors import InputError
 
@@ -178,11 +178,9 @@ class Walker(BipedalWalker):
         hardcore: bool = False,
         render_mode: str | None = None,
     ):
-        if lidar not in ("v2", "v3"):
-            raise InputError(f'lidar is {lidar!r}; it must be "v2" (the paper\'s) or "v3"')
+        self._closest_hits = is_closest_lidar(lidar)
         super().__init__(render_mode=render_mode, hardcore=hardcore)
         EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
-        self.lidar_version = lidar
         self.leg_area_reward = leg_area_reward
         self._set_design(np.ones(WALKER.design.size) if design is None else design)
 
@@ -209,7 +207,7 @@ class Walker(BipedalWalker):
         # The old world goes as a whole: a world that is used again keeps the order in which its
         # free list hands out contacts and tree nodes, and with it another rounding.
         self.terrain = []
-        self.world = _World(self.design, first_hit=self.lidar_version == "v2")
+        self.world = _World(self.design, first_hit=not self._closest_hits)
         self._x = self._tilt = 0.0
         return super().reset(seed=seed)
 

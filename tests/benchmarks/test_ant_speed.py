@@ -19,9 +19,8 @@ import pytest
 import designrl  # noqa: F401
 from designrl.envs.ant import Ant
 from designrl.experiments import get_experiment
-from designrl.policy import Agent
-from designrl.simulation.engine import CompiledAgent
-from designrl.simulation.reference import run_episode
+from designrl.policy import Agent, forward_function
+from designrl.simulation import run_episode
 
 STEPS = 1000
 ROUNDS = 9
@@ -97,9 +96,9 @@ def test_ant(benchmark, episode):
 
 
 @pytest.mark.benchmark(group="ant environment")
-@pytest.mark.parametrize("kind", [Agent, CompiledAgent])
-def test_ant_with_policy(benchmark, episode, kind):
-    class StandingAgent(kind):
+@pytest.mark.parametrize("policy", ["NumPy", "compiled"])
+def test_ant_with_policy(benchmark, episode, policy):
+    class StandingAgent(Agent):
         """Pays for a policy, and acts as in the recorded episode."""
 
         def act(self, observation, t=0):
@@ -110,6 +109,9 @@ def test_ant_with_policy(benchmark, episode, kind):
     experiment = get_experiment("ant")
     parameters = 0.1 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
     agent = StandingAgent(experiment, parameters)
+    if policy == "NumPy":
+        count = experiment.network.num_parameters - experiment.network.sizes[-1]  # no log-stds
+        agent._forward = forward_function(experiment.network, parameters[:count])
     env = gymnasium.make(experiment.env_id, disable_env_checker=True)
 
     def whole_episode(env, agent):

@@ -1,4 +1,4 @@
-"""Steps per second of the walker engine, EnvPool and Gymnasium, as ratios to the reference.
+"""Steps per second of the engine's walker, EnvPool and Gymnasium, as ratios to the reference.
 
     make bench
 
@@ -16,12 +16,13 @@ import gymnasium
 import numpy as np
 import pytest
 
+from designrl import engine
+from designrl.envs import engine_task
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.simulation.engine import WalkerEngine, engine_missing_reason
-from designrl.simulation.reference import run_episode
+from designrl.simulation import run_episode
 
-REASON = engine_missing_reason()
+REASON = engine.missing_reason()
 ROUNDS = 5
 CANDIDATES, ROLLOUTS = 192, 2  # the paper's population
 WEIGHT_STD = 0.3
@@ -56,16 +57,18 @@ class Engine:
     """One generation of the random policies."""
 
     def __init__(self, threads):
-        self.engine = WalkerEngine(True, threads=threads)
         self.batch = {
-            "parameters": random_policies(),
-            "scales": np.ones((CANDIDATES, 8)),
+            "task": engine_task(EXPERIMENT.env_id)[0],
+            "sizes": EXPERIMENT.network.sizes,
+            "weights": random_policies(),
+            "designs": np.ones((CANDIDATES, 8)),
             "reward_factors": np.ones(CANDIDATES),
             "seeds": np.arange(CANDIDATES * ROLLOUTS).reshape(CANDIDATES, ROLLOUTS),
+            "threads": threads,
         }
 
     def __call__(self) -> int:
-        return int(self.engine.rollout(**self.batch)[1].sum())
+        return int(engine.rollout(**self.batch)[1].sum())
 
 
 class Gymnasium:
@@ -148,15 +151,13 @@ def test_reference(benchmark, reference):
 @GROUP
 @pytest.mark.skipif(REASON is not None, reason=str(REASON))
 def test_engine_one_thread(benchmark, reference):
-    subject = Engine(threads=1)
-    measure(benchmark, subject, reference)
-    benchmark.extra_info["instruction_set"] = subject.engine.isa
+    measure(benchmark, Engine(threads=1), reference)
+    benchmark.extra_info["instruction_set"] = engine.instruction_set()
 
 
 @GROUP
 @pytest.mark.skipif(REASON is not None, reason=str(REASON))
 def test_engine_all_cores(benchmark, reference):
-    subject = Engine(threads=None)
-    measure(benchmark, subject, reference)
+    measure(benchmark, Engine(threads=None), reference)
     benchmark.extra_info["cores"] = len(os.sched_getaffinity(0))
-    benchmark.extra_info["instruction_set"] = subject.engine.isa
+    benchmark.extra_info["instruction_set"] = engine.instruction_set()

@@ -1,0 +1,364 @@
+"""The compiled engine: whole episodes of many candidates, with the bits of the reference.
+
+    task = Task("walker", ("hardcore",), max_steps=2000)
+    returns, steps = rollout(task, (24, 40, 40, 4), weights, designs, reward_factors, seeds)
+
+Environment, body, policy, physics and reward of a task run in C++ (`native/`), one episode in each
+vector lane, on all threads asked for. Results do not depend on the number of threads, on the vector
+width or on what else is in the batch. `python -m designrl.engine.verify` compares them with the
+reference environments. This module knows no task: their names, flags and sizes are the library's.
+"""
+
+import ctypes
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+
+import numpy as np
+
+from designrl.errors import InputError
+
+ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # sse2, avx2 or avx512; by default the best there is
+INSTRUCTION_SETS = ("sse2", "avx2", "avx512")
+_POLL_SECONDS = 0.1
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task of the compiled engine.
+
+    Attributes:
+        name: of the task ("walker").
+        flags: what is chosen of it; the walker's are "hardcore" (the terrain with obstacles) and
+            "closest_hits" (LIDAR v3).
+        max_steps: time limit.
+    """
+
+    name: str
+    flags: tuple[str, ...]
+    max_steps: int
+
+
+class _Batch(ctypes.Structure):
+    """native/common/batch.h, field by field."""
+
+    _fields_ = [
+        ("sizes", ctypes.c_void_p),
+        ("weights", ctypes.c_void_p),
+        ("designs", ctypes.c_void_p),
+        ("reward_factors", ctypes.c_void_p),
+        ("seeds", ctypes.c_void_p),
+        ("candidates", ctypes.c_int64),
+        ("rollouts", ctypes.c_int64),
+        ("weight_count", ctypes.c_int64),
+        ("layers", ctypes.c_int32),
+        ("output_tanh", ctypes.c_int32),
+        ("flags", ctypes.c_uint32),
+        ("shaped", ctypes.c_int32),
+        ("max_steps", ctypes.c_int64),
+        ("returns", ctypes.c_void_p),
+        ("steps", ctypes.c_void_p),
+        ("observations", ctypes.c_void_p),
+        ("next_episode", ctypes.c_int64),
+        ("finished", ctypes.c_int64),
+        ("stop", ctypes.c_int64),
+    ]
+
+
+class _TaskEntry(ctypes.Structure):
+    """native/common/batch.h, field by field."""
+
+    _fields_ = [
+        ("name", ctypes.c_char_p),
+        ("observations", ctypes.c_int32),
+        ("actions", ctypes.c_int32),
+        ("design", ctypes.c_int32),
+        ("flags", ctypes.c_char_p),
+        ("thread_bytes", ctypes.c_void_p),
+        ("run_episodes", ctypes.c_void_p),
+    ]
+
+
+@cache
+def _load() -> ctypes.CDLL | str:
+    """The loaded library, or the reason why there is none."""
+    folder = Path(__file__).parent
+    paths = [folder / f"_native{suffix}" for suffix in EXTENSION_SUFFIXES]
+    path = next((path for path in paths if path.exists()), None)
+    if path is None:
+        return (
+            "the compiled engine is missing (it is built by `pip install .` with a C++ compiler, "
+            "on Linux x86-64)"
+        )
+    try:
+        library = ctypes.CDLL(str(path))
+        for name, result, arguments in (
+            ("engine_batch_bytes", ctypes.c_int64, ()),
+            ("engine_task_bytes", ctypes.c_int64, ()),
+            ("engine_isa", ctypes.c_char_p, (ctypes.c_char_p,)),
+            ("engine_task", ctypes.POINTER(_TaskEntry), (ctypes.c_char_p,)),
+            (
+                "engine_run",
+                ctypes.c_int,
+                (ctypes.POINTER(_Batch), ctypes.c_char_p, ctypes.c_char_p, ctypes.c_int),
+            ),
+            ("policy_widest", ctypes.c_int32, ()),
+            (
+                "policy_act",
+                None,
+                (ctypes.c_void_p,) * 2 + (ctypes.c_int32,) * 2 + (ctypes.c_void_p,) * 3,
+            ),
+        ):
+            function = getattr(library, f"designrl_{name}")
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        return f"the compiled engine does not load ({error})"
+    sizes = library.designrl_engine_batch_bytes(), library.designrl_engine_task_bytes()
+    if sizes != (ctypes.sizeof(_Batch), ctypes.sizeof(_TaskEntry)):
+        return "the compiled engine is of another version (install designrl again)"
+    return library
+
+
+def _library() -> ctypes.CDLL:
+    library = _load()
+    if isinstance(library, str):
+        raise InputError(library)
+    return library
+
+
+def missing_reason() -> str | None:
+    """Why the engine cannot run here, as a clause; None if it can."""
+    library = _load()
+    return library if isinstance(library, str) else None
+
+
+def instruction_set(name: str | None = None) -> str:
+    """The instruction set in use: `name`, else $DESIGNRL_ENGINE_ISA, else the processor's best.
+
+    Raises:
+        InputError: unknown, or this processor does not have it.
+    """
+    name = name or os.environ.get(ISA_VARIABLE, "")
+    library = _library()
+    isa = library.designrl_engine_isa(name.encode())
+    if isa is None:
+        raise InputError(
+            f"{name!r} (isa= or {ISA_VARIABLE}) is no instruction set of this processor; it has "
+            f"{', '.join(i for i in INSTRUCTION_SETS if library.designrl_engine_isa(i.encode()))}"
+        )
+    return isa.decode()
+
+
+def rollout(
+    task: Task,
+    sizes: tuple[int, ...],
+    weights: np.ndarray,
+    designs: np.ndarray,
+    reward_factors: np.ndarray,
+    seeds: np.ndarray,
+    *,
+    output_tanh: bool = True,
+    shaped: bool = False,
+    threads: int | None = None,
+    isa: str | None = None,
+    observations: bool = False,
+    progress: Callable[[int], None] | None = None,
+):
+    """Run each of N candidates once with each of its R seeds.
+
+    Args:
+        task: with O observations, A actions and D dimensions of its body.
+        sizes: of the tanh network: O, the hidden layers', A.
+        weights: (N, P) of the networks, layer by layer the matrix (inputs, outputs) in row-major
+            order and the bias, as in `designrl.policy`.
+        designs: (N, D) scales.
+        reward_factors: (N,) multiplies every reward but that of a fall.
+        seeds: (N, R), 0 <= seed < 2**63.
+        output_tanh: whether the last layer has tanh, too.
+        shaped: the published training code's rewards: a fall costs nothing, and a solved episode
+            (the walkers': no fall, more than 300 points) gets 100 more.
+        threads: operating system threads; None: one per processor.
+        isa: see `instruction_set`.
+        observations: return them too; 154 to 192 kB per episode of the walker.
+        progress: called with the number of episodes that have ended since its last call.
+
+    Returns:
+        returns (N, R) float64 and steps (N, R) int64; with `observations` also a list of N lists of
+        R arrays (steps + 1, O) float32, the first row being reset's.
+
+    Raises:
+        InputError: the engine cannot run here; an unknown task, flag or instruction set; arrays
+            that do not fit the task or each other, or that are not finite; an episode beyond the
+            engine's capacities (it is never simulated differently instead).
+        KeyboardInterrupt: within a step or two of Ctrl-C.
+    """
+    entry, flags = _find(task)
+    sizes = _checked_sizes(sizes)
+    if (sizes[0], sizes[-1]) != (entry.observations, entry.actions):
+        raise InputError(
+            f"the engine's {task.name} has {entry.observations} observations and {entry.actions} "
+            f"actions, a network {'-'.join(map(str, sizes))} does not fit"
+        )
+    seeds = np.asarray(seeds)
+    if seeds.ndim != 2 or seeds.dtype.kind not in "iu" or (seeds < 0).any():
+        raise InputError("seeds must be an (N, R) array of integers from 0 on")
+    seeds = np.ascontiguousarray(seeds, dtype=np.uint64)
+    n, r = seeds.shape
+    weights = _checked("weights", weights, np.float32, (n, _weight_count(sizes)))
+    designs = _checked("designs", designs, np.float64, (n, entry.design))
+    factors = _checked("reward_factors", reward_factors, np.float64, (n,))
+
+    returns = np.zeros((n, r))
+    steps = np.zeros((n, r), dtype=np.int64)
+    seen = None
+    if observations:
+        seen = np.empty((n, r, task.max_steps + 1, entry.observations), dtype=np.float32)
+    batch = _Batch(
+        sizes=sizes.ctypes.data,
+        weights=weights.ctypes.data,
+        designs=designs.ctypes.data,
+        reward_factors=factors.ctypes.data,
+        seeds=seeds.ctypes.data,
+        candidates=n,
+        rollouts=r,
+        weight_count=weights.shape[1],
+        layers=len(sizes) - 1,
+        output_tanh=output_tanh,
+        flags=flags,
+        shaped=shaped,
+        max_steps=task.max_steps,
+        returns=returns.ctypes.data,
+        steps=steps.ctypes.data,
+        observations=None if seen is None else seen.ctypes.data,
+    )
+    threads = max(1, min(threads or len(os.sched_getaffinity(0)), n * r))
+    call = ctypes.byref(batch), task.name.encode(), instruction_set(isa).encode(), threads
+    held = sizes, weights, designs, factors, seeds, returns, steps, seen
+    _run(batch, call, held, progress)
+    if (steps < 0).any():
+        i, j = (int(k) for k in np.argwhere(steps < 0)[0])
+        raise InputError(
+            f"the episode of candidate {i} with seed {int(seeds[i, j])} has more contacts than "
+            'the engine holds; use backend="reference"'
+        )
+    if seen is None:
+        return returns, steps
+    return returns, steps, [[seen[i, j, : steps[i, j] + 1] for j in range(r)] for i in range(n)]
+
+
+def act_function(
+    sizes: tuple[int, ...], output_tanh: bool, weights: np.ndarray
+) -> Callable[[np.ndarray, np.ndarray | None], np.ndarray]:
+    """The compiled policy of one network, with the bits of `designrl.policy`.
+
+    For episodes outside the engine: beside 0.1 ms of the ant's physics, NumPy's twenty small
+    operations per action cost a third as much again.
+
+    Args:
+        sizes, output_tanh: as for `rollout`.
+        weights: (P,) as a row of `rollout`'s.
+
+    Returns: act(x, noise=None): the inputs (O,) and what is added to the last layer before its
+        activation (A,), if anything, to an action (A,), all float32.
+
+    Raises:
+        InputError: the library cannot run here; weights that do not fit, or a layer wider than it
+            can take.
+    """
+    act = _library().designrl_policy_act
+    sizes = _checked_sizes(sizes)
+    weights = _checked("weights", weights, np.float32, (_weight_count(sizes),))
+    inputs, outputs = int(sizes[0]), int(sizes[-1])
+    fixed = weights.ctypes.data, sizes.ctypes.data, len(sizes) - 1, bool(output_tanh)
+
+    def compiled(x: np.ndarray, noise: np.ndarray | None = None, held=(weights, sizes)):
+        # held: what the pointers point to
+        x = np.ascontiguousarray(x, dtype=np.float32)
+        if noise is not None:
+            noise = np.ascontiguousarray(noise, dtype=np.float32)
+        if x.size != inputs or (noise is not None and noise.size != outputs):
+            raise InputError(f"the policy takes {inputs} values and noise of {outputs}")
+        action = np.empty(outputs, dtype=np.float32)
+        noise_data = None if noise is None else noise.ctypes.data
+        act(*fixed, x.ctypes.data, noise_data, action.ctypes.data)
+        return action
+
+    return compiled
+
+
+def _find(task: Task) -> tuple[_TaskEntry, int]:
+    """What the library says of a task, and the bits of its flags."""
+    entry = _library().designrl_engine_task(task.name.encode())
+    if not entry:
+        raise InputError(f"the engine does not have the task {task.name!r}")
+    entry = entry.contents
+    known = entry.flags.decode().split()
+    unknown = [flag for flag in task.flags if flag not in known]
+    if unknown:
+        raise InputError(
+            f"the engine's {task.name} does not have the flag {unknown[0]!r}; it has "
+            f"{', '.join(known)}"
+        )
+    if task.max_steps < 1:
+        raise InputError(f"an episode of {task.max_steps} steps is none")
+    return entry, sum(1 << i for i, flag in enumerate(known) if flag in task.flags)
+
+
+def _checked_sizes(sizes: tuple[int, ...]) -> np.ndarray:
+    """The layers' sizes as the library takes them."""
+    widest = _library().designrl_policy_widest()
+    if len(sizes) < 2 or min(sizes) < 1 or max(sizes) > widest:
+        raise InputError(
+            f"the compiled policy takes layers of 1 to {widest} values, not {tuple(sizes)}"
+        )
+    return np.array(sizes, dtype=np.int32)
+
+
+def _weight_count(sizes: np.ndarray) -> int:
+    return int(((sizes[:-1] + 1) * sizes[1:]).sum())
+
+
+def _checked(name: str, values: np.ndarray, dtype: type, shape: tuple[int, ...]) -> np.ndarray:
+    """A contiguous array of finite numbers of that type and shape."""
+    with np.errstate(over="ignore"):  # of float32: found below
+        array = np.ascontiguousarray(values, dtype=dtype)
+    if array.shape != shape:
+        raise InputError(f"{name} must have shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        index = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise InputError(f"{name}{index} is not a finite number")
+    return array
+
+
+def _run(batch: _Batch, call: tuple, arrays: tuple, progress: Callable[[int], None] | None) -> None:
+    """The native call, in a thread of its own so that Ctrl-C and progress get through."""
+    run = _library().designrl_engine_run
+    status, done = [], threading.Event()
+
+    def target(arrays=arrays):
+        # Holds the arrays: after a Ctrl-C at the wrong moment the caller may be gone before the
+        # call is. (Thread.join() of Python 3.11 is no help, an interrupt ends it for good.)
+        try:
+            status.append(run(*call))
+        finally:
+            done.set()
+
+    thread = threading.Thread(target=target, daemon=True)
+    reported = 0
+    try:
+        thread.start()
+        while not done.wait(_POLL_SECONDS) or batch.finished > reported:
+            finished = batch.finished
+            if progress and finished > reported:
+                progress(finished - reported)
+            reported = finished
+    finally:
+        batch.stop = 1  # after an exception; otherwise all is done
+        if thread.ident is not None:
+            done.wait()
+    if status != [0]:
+        raise MemoryError("the engine got no memory for its episodes")

@@ -1,0 +1,158 @@
+// Episodes side by side, of any task: a thread holds some of them, begins a step of each, solves
+// their physics in vector lanes, and finishes the step. Where one ends, the batch's next begins.
+//
+// A Task is one episode's body and world:
+//
+//   kObservations, kActions, kDesign     how many numbers each of them is
+//   kLanes                               episodes that are solved at once
+//   kHeld                                episodes that a thread holds
+//   kSolvedReturn, kSolvedBonus          points, of the shaped rewards
+//   Network                              its own policy, a FixedNetwork
+//   Solver                               lanes of physics; solve(n) solves the first n of them
+//   reset(seed, flags, design)           starts an episode; flags: bits of Batch::flags
+//   begin_step(action)                   up to what the lanes solve. The round after reset has no
+//                                        action, it is null: it leads to the first observation
+//   order()                              uint32_t: episodes whose order is alike share the lanes
+//   load(solver, lane)                   into a lane, and after solve() back
+//   store(solver, lane)
+//   finish_step(flags, outcome)          the rest of the step: observation and reward
+//   failed()                             a capacity was exceeded, the episode is void
+//
+// It begins as zero bytes, no constructor is called.
+//
+// Shaped rewards, of the published training code: a fall costs nothing, and an episode that ends
+// without one above kSolvedReturn earns kSolvedBonus more.
+#pragma once
+
+#include "common/batch.h"
+#include "common/policy.h"
+
+namespace ENGINE {
+
+// Of a step.
+template <class Task>
+struct Outcome {
+  float observation[Task::kObservations];
+  double reward;  // of the environment; with a fall, what that costs
+  bool terminated, fell;
+};
+
+// An episode under way, and its place in the batch.
+template <class Task>
+class Episode {
+ public:
+  bool active = false;  // an episode is under way
+  Task task;
+
+  // Takes the next episode; false if there is none left.
+  bool start(Batch& batch) {
+    episode_ = __atomic_fetch_add(&batch.next_episode, 1, __ATOMIC_RELAXED);
+    active = episode_ < batch.candidates * batch.rollouts;
+    if (!active) return false;
+    candidate_ = episode_ / batch.rollouts;
+    task.reset(batch.seeds[episode_], batch.flags, batch.designs + Task::kDesign * candidate_);
+    total_ = 0.0;
+    steps_ = -1;  // the first round leads to the first observation
+    return true;
+  }
+
+  // own_network: the batch's policy is the task's own.
+  void begin_step(const Batch& batch, bool own_network) {
+    float action[Task::kActions];
+    if (steps_ >= 0) {
+      const float* weights = batch.weights + batch.weight_count * candidate_;
+      if (own_network)
+        Task::Network::act(weights, outcome_.observation, action);
+      else
+        act(weights, batch.sizes, batch.layers, batch.output_tanh, outcome_.observation, nullptr,
+            action);
+    }
+    task.begin_step(steps_ >= 0 ? action : nullptr);
+  }
+
+  void finish_step(Batch& batch) {
+    task.finish_step(batch.flags, outcome_);
+    ++steps_;
+    if (batch.observations) {
+      float* to = batch.observations +
+                  (episode_ * (batch.max_steps + 1) + steps_) * int64_t(Task::kObservations);
+      for (int i = 0; i < Task::kObservations; ++i) to[i] = outcome_.observation[i];
+    }
+    if (steps_ > 0) {
+      double reward = outcome_.reward;
+      if (!outcome_.fell) reward *= batch.reward_factors[candidate_];
+      if (batch.shaped && outcome_.fell) reward = 0.0;
+      total_ += reward;
+    }
+    const bool failed = task.failed();
+    if (!failed && (steps_ < 1 || (!outcome_.terminated && steps_ < batch.max_steps))) return;
+    if (batch.shaped && !outcome_.fell && total_ > Task::kSolvedReturn)
+      total_ += Task::kSolvedBonus;
+    batch.returns[episode_] = total_;
+    batch.steps[episode_] = failed ? -1 : steps_;
+    active = false;
+    __atomic_fetch_add(&batch.finished, 1, __ATOMIC_RELAXED);
+  }
+
+ private:
+  Outcome<Task> outcome_;
+  int64_t episode_, candidate_, steps_;
+  double total_;
+};
+
+// What a thread has.
+template <class Task>
+struct Thread {
+  typename Task::Solver solver;
+  Episode<Task> episodes[Task::kHeld];
+};
+
+// TaskEntry::run_episodes.
+template <class Task>
+void run_episodes(Batch& batch, void* memory, int64_t share) {
+  Thread<Task>& thread = *static_cast<Thread<Task>*>(memory);
+  const bool own_network = Task::Network::is(batch.sizes, batch.layers, batch.output_tanh);
+  const int held = share < Task::kHeld ? int(share) : Task::kHeld;
+  bool left = true;
+  for (;;) {
+    // In their order, which is above the episode's index in a key.
+    uint64_t keys[Task::kHeld];
+    int count = 0;
+    for (int e = 0; e < held; ++e) {
+      Episode<Task>& episode = thread.episodes[e];
+      if (!episode.active && left) left = episode.start(batch);
+      if (!episode.active) continue;
+      episode.begin_step(batch, own_network);
+      const uint64_t key = uint64_t(episode.task.order()) << 32 | unsigned(e);
+      int at = count++;
+      for (; at > 0 && keys[at - 1] > key; --at) keys[at] = keys[at - 1];
+      keys[at] = key;
+    }
+    if (count == 0 || __atomic_load_n(&batch.stop, __ATOMIC_RELAXED)) return;
+    for (int first = 0; first < count; first += Task::kLanes) {
+      const int lanes = count - first < Task::kLanes ? count - first : Task::kLanes;
+      for (int l = 0; l < lanes; ++l)
+        thread.episodes[uint32_t(keys[first + l])].task.load(thread.solver, l);
+      thread.solver.solve(lanes);
+      for (int l = 0; l < lanes; ++l) {
+        Episode<Task>& episode = thread.episodes[uint32_t(keys[first + l])];
+        episode.task.store(thread.solver, l);
+        episode.finish_step(batch);
+      }
+    }
+  }
+}
+
+// A task's entry. flags: the names of its bits, separated by spaces.
+template <class Task>
+constexpr TaskEntry task_entry(const char* name, const char* flags) {
+  return {name,
+          Task::kObservations,
+          Task::kActions,
+          Task::kDesign,
+          flags,
+          [] { return sizeof(Thread<Task>); },
+          run_episodes<Task>};
+}
+
+}  // namespace ENGINE

@@ -1,0 +1,29 @@
+// The name of the instruction set that is compiled for.
+//
+// Each task's source file is compiled three times, for SSE2, AVX2 and AVX-512, and all are linked
+// into one library. Everything in these headers lives in a namespace named after the instruction
+// set, so that the linker can never put an AVX-512 copy of a function into the baseline's code
+// path. For the same reason nothing here uses containers or algorithms of the standard library.
+//
+//   common/    what every task uses
+//     lanes      vectors of numbers, one lane for each of several bodies
+//     random     NumPy's random numbers
+//     policy     the tanh network
+//     batch      what a caller asks for: many episodes; and what a task tells of itself
+//     episodes   one episode after the other in every lane, of any task
+//   walker/    the walker's task; walker.h lists its files
+//   api.cpp    what ctypes calls: picks the task and the instruction set, runs the threads
+//
+// A task has a namespace of its own in that of the instruction set.
+#pragma once
+
+#if defined(__AVX512F__)
+#define ENGINE engine_avx512
+#define ENGINE_VECTOR_BYTES 64
+#elif defined(__AVX2__)
+#define ENGINE engine_avx2
+#define ENGINE_VECTOR_BYTES 32
+#else
+#define ENGINE engine_sse2
+#define ENGINE_VECTOR_BYTES 16
+#endif

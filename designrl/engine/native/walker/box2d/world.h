@@ -1,0 +1,256 @@
+// A world: bodies, joints, terrain, tree and contacts (b2World, b2ContactManager).
+#pragma once
+
+#include "walker/box2d/body.h"
+#include "walker/box2d/narrow_phase.h"
+#include "walker/box2d/tree.h"
+
+namespace ENGINE::walker {
+
+// A moving body and a piece of terrain whose fattened boxes overlap (b2Contact).
+struct Contact {
+  Manifold manifold;
+  int body, terrain;
+  float friction;
+  bool enabled, touching;
+  bool in_island, toi_known;
+  int toi_count;
+  float toi;
+};
+
+// A moving body's polygon at both ends of its sweep, in the world's frame.
+struct SweptPolygon {
+  Vec2 from[kMaxVertices], to[kMaxVertices];
+  int count;
+  Vec2 origin;  // of the body at the start, m
+  Aabb box;     // of both ends, with the skin
+  float sag;    // m, how far a vertex may leave the line between its ends as the body turns
+
+  void set(const Body& body) {
+    const Polygon& shape = body.shape;
+    const Sweep& sweep = body.sweep;
+    Transform before;
+    before.q = body.turn_at(sweep.a0);
+    before.p = sweep.c0 - mul(before.q, sweep.local_center);
+    origin = before.p;
+    count = shape.count;
+    float radius2 = 0.0f;
+    for (int i = 0; i < count; ++i) {
+      from[i] = mul(before, shape.vertices[i]);
+      to[i] = mul(body.xf, shape.vertices[i]);
+      const Vec2 v = minimum(from[i], to[i]), w = maximum(from[i], to[i]);
+      box.lower = i ? minimum(box.lower, v) : v;
+      box.upper = i ? maximum(box.upper, w) : w;
+      const Vec2 arm = shape.vertices[i] - sweep.local_center;
+      radius2 = maximum(radius2, dot(arm, arm));
+    }
+    const Vec2 skin = {kSkin, kSkin};
+    box.lower = box.lower - skin;
+    box.upper = box.upper + skin;
+    // A chord of an arc of angle d and radius r lies within r d² / 8 of it.
+    const float turn = sweep.a - sweep.a0;
+    sag = sqrtf(radius2) * turn * turn * 0.125f;
+  }
+
+  // Whether the body stays farther than `gap` from a piece of terrain through the whole sweep: some
+  // line has all of one on one side and all of the other on the other. A false says nothing.
+  bool clears(const Terrain& terrain, float gap) const {
+    gap += sag;
+    // The boxes, without their skins.
+    const Aabb& other = terrain.box;
+    const float reach = gap - 2.0f * kSkin;
+    if (other.lower.x - box.upper.x > reach || box.lower.x - other.upper.x > reach ||
+        other.lower.y - box.upper.y > reach || box.lower.y - other.upper.y > reach)
+      return true;
+    if (terrain.is_edge) {
+      float low = kMaxFloat, high = -kMaxFloat;
+      for (int i = 0; i < count; ++i) {
+        const float s0 = dot(terrain.normal, from[i] - terrain.v1);
+        const float s1 = dot(terrain.normal, to[i] - terrain.v1);
+        low = minimum(low, minimum(s0, s1));
+        high = maximum(high, maximum(s0, s1));
+      }
+      return low > gap || high < -gap;
+    }
+    const Polygon& polygon = terrain.polygon;
+    for (int side = 0; side < polygon.count; ++side) {
+      float low = kMaxFloat;
+      for (int i = 0; i < count; ++i) {
+        const float s0 = dot(polygon.normals[side], from[i] - polygon.vertices[side]);
+        const float s1 = dot(polygon.normals[side], to[i] - polygon.vertices[side]);
+        low = minimum(low, minimum(s0, s1));
+      }
+      if (low > gap) return true;
+    }
+    return false;
+  }
+};
+
+struct World {
+  Body bodies[kBodies];
+  SweptPolygon sweeps[kBodies];  // of the step so far
+  Joint joints[kJoints];
+  int terrain_count;
+  Terrain terrain[kMaxTerrain];  // in order of creation
+  Tree tree;
+
+  // Contacts live in slots; `order` lists them from the oldest to the newest. Box2D walks its
+  // lists, the world's and each body's, from the newest: here they are walked from the end.
+  Contact contacts[kMaxContacts];
+  int16_t order[kMaxContacts], free_slots[kMaxContacts];
+  int contact_count, free_count;
+
+  int moved[8 * kBodies];  // bodies whose boxes were put into the tree anew
+  int moved_count;
+  float inverse_dt_before;  // 1/s; 0 before the first step
+  bool overflow;            // a capacity was exceeded: the episode is void
+
+  ContactListener listener;
+
+  Contact& contact(int i) { return contacts[order[i]]; }
+
+  // An empty world; its bodies and joints are placed anew.
+  void clear() {
+    terrain_count = 0;
+    tree.clear();
+    contact_count = 0;
+    free_count = kMaxContacts;
+    for (int i = 0; i < kMaxContacts; ++i) free_slots[i] = int16_t(kMaxContacts - 1 - i);
+    moved_count = 0;
+    listener = {};
+    overflow = false;
+    inverse_dt_before = 0.0f;
+  }
+
+  // Terrain comes before the bodies: see narrow_phase.h.
+  void add_edge(Vec2 a, Vec2 b) {
+    if (!has_room()) return;
+    terrain[terrain_count].set_edge(a, b);
+    add_to_tree(terrain[terrain_count]);
+  }
+  void add_rectangle(const Vec2* corners) {
+    if (!has_room()) return;
+    terrain[terrain_count].set_rectangle(corners);
+    add_to_tree(terrain[terrain_count]);
+  }
+
+  // b2ContactManager::Destroy.
+  void destroy_contact(int i) {
+    Contact& c = contact(i);
+    if (c.touching) listener.end_contact(c.body);
+    if (c.manifold.count > 0) bodies[c.body].wake();
+    free_slots[free_count++] = order[i];
+    --contact_count;
+    for (int j = i; j < contact_count; ++j) order[j] = order[j + 1];
+  }
+
+  // b2Contact::Update: a new manifold that inherits the impulses of the points it shares with the
+  // old one.
+  void update_contact(Contact& c) {
+    const Manifold old = c.manifold;
+    Body& body = bodies[c.body];
+    c.enabled = true;
+    bool was_touching = c.touching;
+    collide(c.manifold, terrain[c.terrain], body.shape, body.xf);
+    c.touching = c.manifold.count > 0;
+    for (int i = 0; i < c.manifold.count; ++i) {
+      ManifoldPoint& point = c.manifold.points[i];
+      point.normal_impulse = point.tangent_impulse = 0.0f;
+      for (int j = 0; j < old.count; ++j) {
+        if (!(old.points[j].id == point.id)) continue;
+        point.normal_impulse = old.points[j].normal_impulse;
+        point.tangent_impulse = old.points[j].tangent_impulse;
+        break;
+      }
+    }
+    if (c.touching == was_touching) return;
+    body.wake();
+    if (c.touching) listener.begin_contact(c.body);
+    else listener.end_contact(c.body);
+  }
+
+  // b2ContactManager::Collide.
+  void collide_all() {
+    for (int i = contact_count - 1; i >= 0; --i) {
+      Contact& c = contact(i);
+      if (!bodies[c.body].awake) continue;
+      const Aabb& box_a = tree.nodes[terrain[c.terrain].proxy].box;
+      const Aabb& box_b = tree.nodes[bodies[c.body].proxy].box;
+      if (overlap(box_a, box_b)) update_contact(c);
+      else destroy_contact(i);
+    }
+  }
+
+  // b2BroadPhase::UpdatePairs with b2ContactManager::AddPair. Box2D also looks for pairs among the
+  // terrain and among the moving bodies, and drops them all: filters and types forbid them.
+  void find_new_contacts() {
+    uint64_t pairs[kMaxContacts];
+    int count = 0;
+    for (int m = 0; m < moved_count; ++m) {
+      int body = moved[m];
+      tree.query(tree.nodes[bodies[body].proxy].box, [&](int leaf) {
+        if (tree.nodes[leaf].item < kBodies) return;  // a moving body
+        if (count == kMaxContacts) {
+          overflow = true;
+          return;
+        }
+        // In order of the terrain's node, then the body's. Insertion sort: pairs are few.
+        uint64_t key = uint64_t(leaf) << 32 | uint64_t(bodies[body].proxy) << 8 | unsigned(body);
+        int at = count++;
+        for (; at > 0 && pairs[at - 1] > key; --at) pairs[at] = pairs[at - 1];
+        pairs[at] = key;
+      });
+    }
+    moved_count = 0;
+    for (int i = 0; i < count; ++i) {
+      if (i > 0 && pairs[i] == pairs[i - 1]) continue;
+      add_contact(int(pairs[i] & 0xff), tree.nodes[pairs[i] >> 32].item - kBodies);
+    }
+  }
+
+  // b2Body::SynchronizeFixtures: moves the box in the tree to cover the step's motion.
+  void synchronize_box(int index) {
+    Body& body = bodies[index];
+    sweeps[index].set(body);
+    const SweptPolygon& sweep = sweeps[index];
+    if (!tree.move(body.proxy, sweep.box, body.xf.p - sweep.origin)) return;
+    if (moved_count < int(sizeof moved / sizeof *moved)) moved[moved_count++] = index;
+    else overflow = true;
+  }
+
+  // Makes a moving body's leaf; the terrain's leaves hold kBodies + their index.
+  void add_to_tree(int index) {
+    bodies[index].proxy = tree.create(bodies[index].shape.aabb(bodies[index].xf), index);
+    moved[moved_count++] = index;
+  }
+
+ private:
+  bool has_room() {
+    if (terrain_count == kMaxTerrain) overflow = true;
+    return terrain_count < kMaxTerrain;
+  }
+  void add_to_tree(Terrain& piece) {
+    piece.alpha0 = 0.0f;
+    piece.proxy = tree.create(piece.box, kBodies + terrain_count++);
+  }
+
+  void add_contact(int body, int terrain) {
+    for (int i = 0; i < contact_count; ++i)
+      if (contact(i).body == body && contact(i).terrain == terrain) return;
+    if (free_count == 0) {
+      overflow = true;
+      return;
+    }
+    int slot = free_slots[--free_count];
+    order[contact_count++] = int16_t(slot);
+    Contact& c = contacts[slot];
+    c = Contact();
+    c.body = body;
+    c.terrain = terrain;
+    c.enabled = true;
+    c.friction = sqrtf(kTerrainFriction * bodies[body].friction);
+    bodies[body].wake();
+  }
+};
+
+}  // namespace ENGINE::walker

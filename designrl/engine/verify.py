@@ -1,0 +1,214 @@
+"""Compares the compiled engine with Box2D, bit for bit.
+
+    python -m designrl.engine.verify                 2,000 episodes; exit code 1 on a difference
+    python -m designrl.engine.verify --episodes 200 --seed 5
+
+Each episode is run in the Gymnasium environment and in the engine: every observation, the return
+and the length must have the same bits. Designs, policies and seeds are random; policies are random
+networks, some of other sizes than the experiments', and the author's trained ones where there is a
+zoo (DESIGNRL_ZOO). All kinds of episode take turns: both terrains, both
+LIDARs, with and without shaped rewards and those of smaller legs.
+"""
+
+import argparse
+import os
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import product
+
+import gymnasium
+import numpy as np
+from tqdm import tqdm
+
+from designrl import engine
+from designrl.checkpoint import load
+from designrl.experiments import EXPERIMENTS, Network, get_experiment
+from designrl.policy import Agent
+from designrl.published import published_runs, zoo_folder
+from designrl.simulation import Episodes, run_episode
+from designrl.simulation import run_engine as run_episodes
+
+WEIGHT_STDS = (0.1, 0.5, 1.0)  # of random networks
+TERRAINS = "biped-morphology", "biped-hardcore-morphology"
+OTHER_NETWORKS = (Network((24, 16, 4)), Network((24, 4)), Network((24, 64, 32, 4), "linear"))
+
+
+@dataclass(frozen=True)
+class Case:
+    """One episode to compare.
+
+    Attributes:
+        kind: what the policy is, for the report.
+        episodes: the task and its rewards.
+        parameters: (P,) flat vector of network and design.
+        seed: of the episode.
+    """
+
+    kind: str
+    episodes: Episodes
+    parameters: np.ndarray
+    seed: int
+
+
+def walker_case(
+    kind: str,
+    experiment: str,
+    parameters: np.ndarray,
+    seed: int,
+    network: Network | None = None,
+    shaped: bool = False,
+    **env_kwargs,
+) -> Case:
+    """A case on one of the walkers; `network` where it is another than the experiment's."""
+    found = get_experiment(experiment)
+    found = replace(found, network=network or found.network)
+    shaping = found.shaping if shaped else None
+    return Case(kind, Episodes(found, found.network, env_kwargs, shaping), parameters, seed)
+
+
+class _Recorder(gymnasium.Wrapper):
+    """Keeps the observations of the last episode."""
+
+    def reset(self, **kwargs):
+        observation, info = self.env.reset(**kwargs)
+        self.observations = [observation]
+        return observation, info
+
+    def step(self, action):
+        step = self.env.step(action)
+        self.observations.append(step[0])
+        return step
+
+
+def run_reference(case: Case) -> tuple[float, int, np.ndarray]:
+    """(return, steps, observations (steps + 1, O)) of one episode in Gymnasium's environment."""
+    episodes = case.episodes
+    env_id = episodes.experiment.env_id
+    env = _Recorder(gymnasium.make(env_id, disable_env_checker=True, **episodes.env_kwargs))
+    agent = Agent(episodes.experiment, case.parameters, episodes.network)
+    total, steps = run_episode(env, agent, case.seed, episodes.shaping)
+    return total, steps, np.array(env.observations)
+
+
+def run_engine(case: Case, isa: str | None = None) -> tuple[float, int, np.ndarray]:
+    """The same from the engine."""
+    returns, steps, observations = run_episodes(
+        case.episodes,
+        case.parameters[None],
+        np.array([[case.seed]]),
+        threads=1,
+        isa=isa,
+        observations=True,
+    )
+    return returns[0, 0], int(steps[0, 0]), observations[0][0]
+
+
+def difference(reference, compiled) -> str | None:
+    """The first difference between two results of a case in words; None if they are equal."""
+    total, steps, observations = reference
+    for step in range(min(steps, compiled[1]) + 1):
+        a, b = observations[step], compiled[2][step]
+        wrong = np.flatnonzero(a.view(np.uint32) != b.view(np.uint32))
+        if wrong.size:
+            i = int(wrong[0])
+            return f"step {step}, observation {i}: {a[i]!r} in Box2D, {b[i]!r} in the engine"
+    if steps != compiled[1]:
+        return f"{steps} steps in Box2D, {compiled[1]} in the engine"
+    if total != compiled[0]:
+        return f"return {total!r} in Box2D, {compiled[0]!r} in the engine"
+    return None
+
+
+def compare(case: Case) -> tuple[int, str | None]:
+    """(steps of the reference, difference or None) of one case."""
+    reference = run_reference(case)
+    return reference[1], difference(reference, run_engine(case))
+
+
+def zoo_policies() -> list[tuple[str, np.ndarray]]:
+    """(experiment, (2812,) parameters) of the author's walkers; empty without a zoo."""
+    folder, policies = zoo_folder(), []
+    size = get_experiment(TERRAINS[0]).num_parameters
+    for name in EXPERIMENTS if folder else ():
+        if get_experiment(name).body is not get_experiment(TERRAINS[0]).body:
+            continue
+        for path in published_runs(folder, name).values():
+            parameters = load(path, name).parameters
+            # A design parameter of 0 is the original size.
+            policies.append((name, np.pad(parameters, (0, size - parameters.size))))
+    return policies
+
+
+def make_cases(episodes: int, seed: int = 0) -> list[Case]:
+    """Episodes of all kinds in turn; the same ones for the same seed."""
+    rng = np.random.default_rng(seed)
+    dimensions = get_experiment(TERRAINS[0]).design.size
+    kinds = list(product(TERRAINS, ("v2", "v3"), (False, True), (False, True)))
+    policies = zoo_policies()
+    cases = []
+    for i in range(episodes):
+        experiment, lidar, shaped, smaller = kinds[i % len(kinds)]
+        # In turn: a random policy, one with another network, a trained one with its own design or
+        # another one.
+        turn = i // len(kinds) % 3
+        own = get_experiment(experiment).network
+        network = OTHER_NETWORKS[i % len(OTHER_NETWORKS)] if turn == 1 else own
+        split = network.num_parameters
+        parameters = rng.standard_normal(split + dimensions)
+        parameters[:split] *= rng.choice(WEIGHT_STDS)
+        kind = "random"
+        if policies and turn == 2:
+            kind, trained = policies[i % len(policies)]
+            experiment = TERRAINS["hardcore" in kind]
+            if rng.random() < 0.5:
+                parameters = trained
+            else:
+                parameters[:split] = trained[:split]
+        seed = int(rng.integers(2 ** int(rng.choice([10, 31, 63]))))
+        about = {"lidar": lidar, "leg_area_reward": smaller}
+        cases.append(walker_case(kind, experiment, parameters, seed, network, shaped, **about))
+    return cases
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; returns its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m designrl.engine.verify", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--episodes", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
+    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
+    options = parser.parse_args(arguments)
+    reason = engine.missing_reason()
+    if reason:
+        print(f"nothing to verify: {reason}", file=sys.stderr)
+        return 2
+    cases = make_cases(options.episodes, options.seed)
+    if zoo_folder() is None:
+        print("no zoo of trained policies found: random policies only (set DESIGNRL_ZOO=folder)")
+    isa = engine.instruction_set()
+    steps, counts, differences = 0, Counter(), []
+    with ProcessPoolExecutor(options.workers) as pool:
+        results = pool.map(compare, cases, chunksize=4)
+        for case, (length, found) in zip(tqdm(cases, unit="episode"), results, strict=True):
+            steps += length
+            kind = "trained" if case.kind != "random" else "random"
+            counts[kind, case.episodes.experiment.env_id] += 1
+            if found:
+                differences.append((case, found))
+    for (kind, env_id), count in sorted(counts.items()):
+        print(f"{count:6d} episodes, {kind} policies, {env_id}")
+    print(
+        f"{len(cases)} episodes, {steps} steps ({isa}): "
+        f"{len(cases) - len(differences)} equal in every bit, {len(differences)} different"
+    )
+    for case, found in differences[:10]:
+        case = replace(case, parameters=None)
+        print(f"DIFFERENT {found}\n    {case}", file=sys.stderr)
+    return 1 if differences else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,339 @@
+"""Rollouts of many candidates with many seeds, behind one interface.
+
+    simulator = Simulator("biped-hardcore-morphology", backend="engine")
+    result = simulator.rollout(candidates, seeds)   # (N, P) floats, (N, R) ints
+    result.returns, result.steps                    # (N, R) float64, (N, R) int64
+
+`backend="reference"` runs the Gymnasium environments, in this process or in a pool of processes;
+`backend="engine"` runs the compiled engine, which gives the same bits. Either runs on a Ray
+cluster, too.
+"""
+
+import inspect
+import math
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.registration import load_env_creator
+
+from designrl import engine, envs
+from designrl.errors import InputError
+from designrl.experiments import Experiment, Network, Shaping, get_experiment
+from designrl.policy import Agent
+from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
+
+BACKENDS = ("engine", "reference")
+EPISODE_SECONDS = 30.0  # at most, on a busy machine; an episode takes 0.4 s on an idle one
+PIECES_PER_WORKER = 8  # of a generation: enough to keep all workers busy to the end of it
+ENGINE_LANES = 16  # episodes that the engine runs side by side in one thread
+
+
+class CandidateError(InputError):
+    """A candidate whose episodes cannot be simulated.
+
+    Attributes:
+        index: its row.
+        seeds: of the episodes, one of which fails.
+        reason: what happened, as the end of a sentence.
+    """
+
+    def __init__(self, index: int, seeds: np.ndarray, reason: str):
+        super().__init__(f"candidate {index} cannot be simulated: {reason}")
+        self.index, self.seeds, self.reason = index, seeds, reason
+
+
+@dataclass(frozen=True)
+class RolloutResult:
+    """What N candidates reached with R seeds each.
+
+    Attributes:
+        returns: (N, R) float64, the sum of rewards of each episode.
+        steps: (N, R) int64, the length of each episode in environment steps.
+    """
+
+    returns: np.ndarray
+    steps: np.ndarray
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """What kind of episodes to run; travels to the workers.
+
+    Attributes:
+        experiment, network: whose.
+        env_kwargs: keywords of the environment.
+        shaping: changes of the rewards, if any.
+    """
+
+    experiment: Experiment
+    network: Network
+    env_kwargs: dict = field(default_factory=dict)
+    shaping: Shaping | None = None
+
+
+class Simulator:
+    """Runs episodes of one experiment.
+
+    Args:
+        experiment: name or Experiment.
+        backend: "engine" (falls back to the reference, with one sentence, where it cannot run) or
+            "reference".
+        network: where it differs from the experiment's (the published original ant).
+        workers: processes (reference) or threads (engine), at least 1.
+        ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
+            has no meaning then.
+        env_kwargs: keywords of the environment, `lidar="v3"` for instance.
+
+    Attributes:
+        backend: that runs.
+
+    Raises:
+        InputError: an argument that is not one of these, or that the environment does not take.
+
+    Use it as a context manager, or `close()` it, to end its worker processes.
+    """
+
+    def __init__(
+        self,
+        experiment: str | Experiment,
+        backend: str = "engine",
+        network: Network | None = None,
+        workers: int = 1,
+        ray: str | None = None,
+        **env_kwargs,
+    ):
+        if backend not in BACKENDS:
+            raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
+        if workers < 1:
+            raise InputError(f"the number of workers is {workers}; it must be at least 1")
+        self.experiment = get_experiment(experiment)
+        self.network = network or self.experiment.network
+        self.workers = workers
+        self._env_kwargs = env_kwargs
+        self._parameters = self.experiment.parameters_with(self.network)
+        _check_keywords(self.experiment, env_kwargs)
+        if backend == "engine":
+            reason = engine.missing_reason()
+            if envs.engine_task(self.experiment.env_id, **env_kwargs) is None:
+                backend = "reference"
+            elif reason:
+                print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
+                backend = "reference"
+        self.backend = backend
+        self._pool = None
+        if ray is not None:
+            self._pool = RayWorkers(ray)
+        elif workers > 1 and backend == "reference":
+            self._pool = ProcessWorkers(workers)
+
+    @property
+    def processes(self) -> int:
+        """How many processes simulate beside this one; on a cluster, its cores at the moment."""
+        return self._pool.count if self._pool else 0
+
+    def rollout(
+        self,
+        candidates: np.ndarray,
+        seeds: np.ndarray,
+        training: bool = False,
+        shaped: bool = False,
+        progress: Callable[[int], None] | None = None,
+    ) -> RolloutResult:
+        """Run each candidate once with each of its seeds.
+
+        Args:
+            candidates: (N, P) flat parameter vectors, float64.
+            seeds: (N, R) seeds of the episodes, 0 <= seed < 2**63.
+            training: in the environment as training has it (`Experiment.training_kwargs`).
+            shaped: with the rewards that the published code changes in training.
+            progress: called with the number of episodes that have ended since its last call.
+
+        Raises:
+            InputError: shapes that do not fit the experiment or each other; parameters that are
+                not finite float32 numbers; seeds that are not whole numbers of at least 0.
+            CandidateError: a candidate crashes the simulation each time, or its return is no number
+                (an in-process simulation that crashes takes this process with it).
+        """
+        candidates, seeds = self._checked(candidates, seeds)
+        kwargs = {**(self.experiment.training_kwargs if training else {}), **self._env_kwargs}
+        shaping = self.experiment.shaping if shaped else None
+        episodes = Episodes(self.experiment, self.network, kwargs, shaping)
+        if self.backend == "engine" and not self._pool:
+            result = self._in_threads(episodes, candidates, seeds, progress)
+        else:
+            result = self._in_pieces(episodes, candidates, seeds, progress)
+        finite = np.isfinite(result.returns).all(axis=1)
+        if not finite.all():
+            index = int(np.argmin(finite))
+            raise CandidateError(index, seeds[index], "its return is not a finite number")
+        return result
+
+    def _checked(self, candidates, seeds) -> tuple[np.ndarray, np.ndarray]:
+        candidates = np.asarray(candidates, dtype=np.float64)
+        seeds = np.asarray(seeds)
+        if candidates.ndim != 2 or candidates.shape[1] != self._parameters:
+            raise InputError(
+                f"candidates of {self.experiment.name} must have shape (N, {self._parameters}), "
+                f"got {candidates.shape}"
+            )
+        if seeds.ndim != 2 or len(seeds) != len(candidates):
+            raise InputError(
+                f"seeds must have shape ({len(candidates)}, R), one row per candidate, "
+                f"got {seeds.shape}"
+            )
+        usable = np.abs(candidates) <= np.finfo(np.float32).max  # false for NaN
+        if not usable.all():
+            i, j = np.argwhere(~usable)[0]
+            raise InputError(f"candidate {i}: parameter {j} is not a finite float32 number")
+        largest = np.iinfo(np.int64).max
+        if (
+            seeds.shape[1] < 1
+            or seeds.dtype.kind not in "iu"
+            or seeds.min(initial=0) < 0
+            or seeds.max(initial=0) > largest
+        ):
+            raise InputError(
+                "each candidate needs a seed at least, a whole number from 0 to 2**63 - 1"
+            )
+        return candidates, seeds.astype(np.int64)
+
+    def _in_threads(self, episodes, candidates, seeds, progress) -> RolloutResult:
+        run = partial(run_engine, episodes, threads=self.workers)
+        try:
+            return RolloutResult(*run(candidates, seeds, progress=progress))
+        except InputError:
+            for index in range(len(seeds)):  # which one was it?
+                try:
+                    run(candidates[index : index + 1], seeds[index : index + 1])
+                except InputError as error:
+                    raise CandidateError(index, seeds[index], str(error)) from None
+            raise
+
+    def _in_pieces(self, episodes, candidates, seeds, progress) -> RolloutResult:
+        function = partial(run_engine if self.backend == "engine" else run_reference, episodes)
+        least = ENGINE_LANES if self.backend == "engine" else 1
+        run = self._pool.run if self._pool else run_here
+        count = self._pool.count if self._pool else 1
+        returns, steps = np.empty(seeds.shape), np.empty(seeds.shape, dtype=np.int64)
+
+        places = _pieces(*seeds.shape, count, least)
+        while places:
+            tasks = [(rows, seeds[rows, columns]) for rows, columns in places]
+            longest = EPISODE_SECONDS * max(piece.size for _, piece in tasks)
+            done = set()
+            try:
+                for index, result in run(function, candidates, tasks, longest):
+                    returns[places[index]], steps[places[index]] = result
+                    done.add(index)
+                    if progress:
+                        progress(result[0].size)
+            except TaskError as error:
+                rows, columns = places[error.index]
+                if rows.stop - rows.start == 1:
+                    seeds = seeds[rows.start, columns]
+                    raise CandidateError(rows.start, seeds, error.reason) from error
+                done.add(error.index)  # one of several: each alone will tell which
+                alone = [(slice(i, i + 1), columns) for i in range(rows.start, rows.stop)]
+                places = alone + [place for i, place in enumerate(places) if i not in done]
+            else:
+                places = []
+        return RolloutResult(returns, steps)
+
+    def close(self) -> None:
+        """End the worker processes."""
+        if self._pool:
+            self._pool.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc_info):
+        self.close()
+
+
+def _check_keywords(experiment: Experiment, kwargs: dict) -> None:
+    if not kwargs:
+        return  # and the environment's module need not be loaded to see what it takes
+    creator = load_env_creator(gymnasium.spec(experiment.env_id).entry_point)
+    unknown = sorted(set(kwargs) - set(inspect.signature(creator).parameters))
+    if unknown:
+        raise InputError(f"{experiment.name} has no {unknown[0]}; leave it out")
+
+
+def _pieces(n: int, r: int, workers: int, least: int) -> list[tuple[slice, slice]]:
+    """Cut (N, R) episodes into the tasks of so many workers: rows and columns of each.
+
+    Of at least `least` episodes each where that leaves no worker without work; of one candidate
+    each, or of some with all their episodes.
+    """
+    share = n * r / workers
+    size = max(share / PIECES_PER_WORKER, min(least, share))
+    rows = max(1, int(size // r))
+    columns = max(1, min(r, math.ceil(size)))
+    return [
+        (slice(i, min(i + rows, n)), slice(j, min(j + columns, r)))
+        for i in range(0, n, rows)
+        for j in range(0, r, columns)
+    ]
+
+
+def run_reference(
+    episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n, r) returns and (n, r) steps of some candidates in the Gymnasium environment."""
+    returns, steps = np.empty(seeds.shape), np.empty(seeds.shape, dtype=np.int64)
+    env_id = episodes.experiment.env_id
+    with closing(gymnasium.make(env_id, disable_env_checker=True, **episodes.env_kwargs)) as env:
+        for i, parameters in enumerate(candidates):
+            agent = Agent(episodes.experiment, parameters, episodes.network)
+            for j, seed in enumerate(seeds[i].tolist()):
+                returns[i, j], steps[i, j] = run_episode(env, agent, seed, episodes.shaping)
+    return returns, steps
+
+
+def run_episode(
+    env: gymnasium.Env, agent: Agent, seed: int, shaping: Shaping | None = None
+) -> tuple[float, int]:
+    """Return (the sum of rewards in float64) and number of steps of one episode."""
+    total, steps, free = 0.0, 0, False
+    for step in agent.play(env, seed):
+        steps += 1
+        if shaping and step.info["reward_terms"][shaping.free_term]:
+            free = True
+        else:
+            total += step.reward
+    if shaping and not free and total > shaping.solved_return:
+        total += shaping.solved_bonus
+    return total, steps
+
+
+def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
+    """The same from the compiled engine; where a worker has none, from the reference.
+
+    Args:
+        options: `threads`, `progress` and others of `designrl.engine.rollout`.
+    """
+    if engine.missing_reason():
+        return run_reference(episodes, candidates, seeds)
+    experiment, network = episodes.experiment, episodes.network
+    task, reward_factors = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
+    weights, rest = np.split(candidates, [network.num_parameters], axis=1)
+    scales = np.ones((len(seeds), experiment.body.design.size))
+    if experiment.design:
+        scales = experiment.design.scales(rest)
+    return engine.rollout(
+        task,
+        network.sizes,
+        weights,
+        scales,
+        reward_factors(scales),
+        seeds,
+        output_tanh=network.output == "tanh",
+        shaped=episodes.shaping is not None,
+        **options,
+    )

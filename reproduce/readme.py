@@ -1,0 +1,96 @@
+"""README's table of results: the paper, the author's weights scored here, and our runs.
+
+Reads paper/tables/table3.csv, paper/author.csv and paper/paper.toml, and writes the lines between
+<!-- table3 --> and <!-- /table3 --> in README.md. The author's files are not ours to publish, so
+their scores stand in paper/author.csv, which ZOO=path makes anew.
+
+    make reproduce-readme
+    make reproduce-readme ZOO=path/to/the/2018/zoo
+"""
+
+import csv
+import io
+from pathlib import Path
+
+from tabulate import tabulate
+
+from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS
+from designrl.files import write_atomically
+from reproduce import scores
+from reproduce.table3 import over_runs
+from reproduce.tables import mean_and_std
+
+START, END = "<!-- table3 -->", "<!-- /table3 -->"
+FIELDS = ("experiment", "mean", "std", "episodes", "seed", "sha256")  # of paper/author.csv
+
+
+def paths() -> tuple[Path, Path]:
+    """The scores of the author's run 1 of each experiment, and of our runs."""
+    paper = scores.ROOT / "paper"
+    return paper / "author.csv", paper / "tables" / "table3.csv"
+
+
+def reads() -> list[Path]:
+    """The files that the table depends on."""
+    return [*scores.read_for(), *paths()]
+
+
+def by_experiment(path: Path) -> dict[str, dict]:
+    """The rows of a CSV."""
+    with path.open(encoding="utf-8") as file:
+        return {record["experiment"]: record for record in csv.DictReader(file)}
+
+
+def score_author() -> None:
+    """Score those of the author's weights that are there, and keep the results."""
+    path, _ = paths()
+    kept = by_experiment(path) if path.exists() else {}
+    for name, runs in scores.authors_scores().items():
+        if not runs[1].problem:
+            values = (name, runs[1].mean, runs[1].std, scores.EPISODES, scores.SEED, runs[1].sha256)
+            kept[name] = dict(zip(FIELDS, values, strict=True))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(kept[name] for name in EXPERIMENTS if name in kept)
+    write_atomically(path, text.getvalue().encode())
+
+
+def table() -> str:
+    """The table as Markdown."""
+    printed = scores.paper()
+    authors, ours = map(by_experiment, paths())
+    rows = []
+    for name, experiment in EXPERIMENTS.items():
+        first = printed["text"].get(name, {})  # the paper's run 1: ants in the text
+        first = first if isinstance(first, list) else printed["table2"][name]["score"]
+        here = mean_and_std(float(authors[name]["mean"]), float(authors[name]["std"]))
+        columns = ("our_means", "our_stds_over_rollouts")
+        means, stds = ([float(n) for n in ours[name][column].split()] for column in columns)
+        rows.append(
+            [
+                f"({experiment.letter})",
+                experiment.title,
+                "{} ± {}".format(*printed["table3"][name]),
+                "{} (paper: {} ± {})".format(here, *first),
+                over_runs(means, stds) if means else "-",
+                len(means),
+            ]
+        )
+    header = ["", "Experiment", "Paper (10 runs)", "Author's weights here (run 1)", "Ours", "Runs"]
+    return tabulate(rows, header, tablefmt="github", disable_numparse=True)
+
+
+def main() -> list[Path]:
+    """Put the table into README.md; returns its path."""
+    if scores.zoo():
+        score_author()
+    readme = scores.ROOT / "README.md"
+    before, _, rest = readme.read_text(encoding="utf-8").partition(START)
+    _, end, after = rest.partition(END)
+    if not end:
+        raise InputError(f"{readme} lacks the lines {START} and {END}; put them back")
+    text = f"{before}{START}\n{table()}\n{END}{after}"
+    write_atomically(readme, text.encode())
+    return [readme]
