@@ -124,8 +124,7 @@ def test_poses_put_the_parts_of_a_leg_end_to_end():
     env.reset(seed=0)
     for _ in range(40):
         env.step(rng.uniform(-1, 1, 8))
-    poses = {name: (np.array(xyz), np.array(q)) for name, xyz, q in env.body_poses()}
-    assert list(poses) == list(ANT.tree)
+    poses = dict(zip(ANT.tree, zip(*env.body_poses(), strict=True), strict=True))
     for part in leg_capsules(MIXED):
         position, orientation = poses[part.parent]
         np.testing.assert_allclose(

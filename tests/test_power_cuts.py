@@ -90,7 +90,7 @@ class Disk:
 def quick(monkeypatch):
     """Simulations that take no time, and a state that is saved after every generation."""
 
-    def rollout(self, candidates, seeds, rules=None, progress=None):
+    def rollout(self, candidates, seeds, *_):
         returns = np.sin(candidates.sum(axis=1)[:, None] * 1000 + seeds)
         return RolloutResult(returns, np.ones(seeds.shape, dtype=np.int64))
 

@@ -38,6 +38,7 @@ def rerun(*arguments) -> subprocess.CompletedProcess:
 def stock_picture(recording: Path, folder: Path) -> np.ndarray:
     """What `rerun FILE` shows, with no code of ours: (H, W, 3) uint8."""
     target = folder / f"{recording.stem}.png"
+    target.unlink(missing_ok=True)
     options = "--headless", "--screenshot-to", target, "--window-size", "1280x800"
     output = rerun(recording, *options).stdout
     if not target.exists() and re.search(NO_DRIVER_MESSAGE, output):
@@ -289,13 +290,17 @@ def test_stock_rerun_draws_the_body_on_its_ground(kind, folder, ant, tmp_path):
     file = McapFile(empty)
     file.publish()
     file.close()
-    picture, nothing = stock_picture(source, tmp_path), stock_picture(empty, tmp_path)
-    assert np.abs(picture.astype(int) - nothing).max(axis=2).mean() > 1.0
-    ground = (60, 110, 50), (130, 200, 120)
-    assert _share(picture, *ground) > 0.2 > _share(nothing, *ground)
+    colors = [((60, 110, 50), (130, 200, 120), 0.2)]  # the ground
     if kind == "walker":
-        hull = (60, 30, 120), (170, 120, 255)  # the viewer shades it
-        assert _share(picture, *hull) > 0.1 > _share(nothing, *hull)
+        colors.append(((60, 30, 120), (170, 120, 255), 0.1))  # the hull; the viewer shades it
+
+    def drawn(recording: Path) -> bool:
+        picture = stock_picture(recording, tmp_path)
+        return all(_share(picture, low, high) > share for low, high, share in colors)
+
+    # A busy machine's viewer may take its picture before it has drawn everything.
+    assert any(drawn(source) for _ in range(3))
+    assert not drawn(empty)
 
 
 def test_a_picture_is_taken_when_it_has_stopped_changing(monkeypatch):

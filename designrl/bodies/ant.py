@@ -104,8 +104,7 @@ class AntBody(Body):
 
     def poses(self, env) -> Poses:
         """Poses of the parts' frames."""
-        _, positions, rotations = zip(*env.body_poses(), strict=True)
-        return np.array(positions), np.array(rotations)
+        return env.body_poses()
 
     def joint_states(self, env) -> tuple[list[float], list[float], list[float]]:
         """Angle, speed and torque of each joint."""

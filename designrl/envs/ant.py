@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
+from designrl.bodies import Poses
 from designrl.bodies.ant import (
     ANT,
     ANT_LEGS,
@@ -435,21 +436,17 @@ class Ant(gymnasium.Env, EzPickle):
 
     # ------------------------------------------------------------------------ state and pictures
 
-    def body_poses(self) -> list[tuple[str, tuple[float, ...], tuple[float, ...]]]:
-        """(name, position (3,) in m, orientation (4,) quaternion x, y, z, w) of each part, in
-        the order of `ANT.tree`.
+    def body_poses(self) -> Poses:
+        """Positions (13, 3) in m and quaternions (13, 4) of the parts, in the order of `ANT.tree`.
 
         A leg part's position is that of its frame, which sits where it hangs on its parent (see
         `leg_capsules`); the torso's is its centre.
         """
-        position, orientation = pybullet.getBasePositionAndOrientation(
-            self._ant, physicsClientId=self._client
-        )
-        links = pybullet.getLinkStates(
-            self._ant, self._parts, computeForwardKinematics=1, physicsClientId=self._client
-        )
-        poses = [(position, orientation), *((link[4], link[5]) for link in links)]
-        return [(part, *pose) for part, pose in zip(ANT.tree, poses, strict=True)]
+        c = {"physicsClientId": self._client}
+        torso = pybullet.getBasePositionAndOrientation(self._ant, **c)
+        links = pybullet.getLinkStates(self._ant, self._parts, computeForwardKinematics=1, **c)
+        positions, rotations = zip(torso, *(link[4:6] for link in links), strict=True)
+        return np.array(positions), np.array(rotations)
 
     def render(self):
         """(480, 640, 3) uint8: the ant from its right side, on chequers of 1 m."""

@@ -10,10 +10,11 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
+from mcap.records import Message
 
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, RecordingError
-from designrl.recording.scan import Message, messages, scan
+from designrl.recording.scan import messages, scan
 
 # Only messages that we know are decoded: definitions in a stranger's file are not followed.
 _CLASSES = {

@@ -16,7 +16,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Metadata, Schema
+from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from designrl.recording.mcap_file import RecordingError
@@ -51,16 +51,6 @@ class Scan:
     def schema(self, channel: Channel) -> Schema:
         """What the channel's messages are; nameless where the file does not say."""
         return self.schemas.get(channel.schema_id) or Schema(0, b"", "", "")
-
-
-@dataclass(frozen=True)
-class Message:
-    """A message as it is in the file; times in ns."""
-
-    channel_id: int
-    sequence: int
-    log_time: int
-    data: bytes
 
 
 class _DamageError(Exception):
@@ -125,10 +115,10 @@ _IN_CHUNKS = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
 
 
 def _message(body: bytes) -> Message:
-    channel_id, sequence, log_time, _ = struct.unpack_from("<HIQQ", body)
+    channel_id, sequence, log_time, publish_time = struct.unpack_from("<HIQQ", body)
     if log_time >= 2**63:
         raise _DamageError("a message has an absurd time")
-    return Message(channel_id, sequence, log_time, body[22:])
+    return Message(channel_id, log_time, body[22:], publish_time, sequence)
 
 
 def scan(path: str | Path) -> Scan:
