@@ -4,6 +4,8 @@
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make gallery                     looping pictures of each experiment's best agent
 #   make test                        the test suite
+#   make verify-engine               2,000 episodes in the engine and in Box2D; make sanitize-engine:
+#                                    its tests in a build that watches memory and undefined behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make bench                       speeds as ratios to a named baseline
 PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
@@ -18,7 +20,8 @@ export ZOO
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce FORCE gallery verify-engine verify-resume fuzz clean
+.PHONY: setup test bench lint reproduce FORCE gallery verify-engine sanitize-engine verify-resume \
+  fuzz clean
 
 setup: $(READY)
 
@@ -62,6 +65,16 @@ gallery: $(READY)
 
 verify-engine: $(READY)
 	@$(BIN)/python -m designrl.engine.verify
+
+# A second copy of the package, in build/. Python itself is not instrumented: the sanitiser has to be
+# there before it, and what it never frees is not of interest.
+SANITIZED := build/sanitized/lib
+SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined
+sanitize-engine: $(READY)
+	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)
+	@nm -D $(SANITIZED)/designrl/engine/_native*.so | grep -q __asan_init
+	@cd $(SANITIZED) && ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so)" \
+	  PYTHONPATH=. $(CURDIR)/$(BIN)/python -m pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py
