@@ -17,7 +17,8 @@ SMALL = ["--generations", "1", "--population", "2", "--rollouts", "1", "--evalua
 
 def blocks(page: Path, language: str) -> list[str]:
     """The fenced blocks of a page in a language ("" for commands)."""
-    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    fences = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)
+    return [text for found, text in fences if found == language]
 
 
 def commands(page: Path) -> list[str]:
