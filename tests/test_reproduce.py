@@ -50,7 +50,7 @@ def random_agent(experiment: str, seed: int = 0) -> Agent:
     return Agent(experiment, parameters, metadata={"environment_steps": 1000})
 
 
-def stub_scores(agent, episodes, seed, workers, progress):
+def stub_scores(agent, episodes, seed, workers, backend, progress):
     """Stands for an evaluation: scores that depend on the agent, at once."""
     first = abs(float(agent.parameters[0]))
     returns = 300 + 10 * np.random.default_rng(int(1e6 * first)).random(episodes)
