@@ -74,8 +74,7 @@ def write(module: ModuleType) -> list[Path]:
     if hasattr(module, "tables"):
         return [path for table in module.tables() for path in table.write()]
     if hasattr(module, "figures"):
-        drawn = module.figures().items()
-        return [path for name, figure in drawn for path in drawing.save(figure, name)]
+        return [path for drawn in module.figures().items() for path in drawing.save(*drawn)]
     return module.main()
 
 
@@ -83,18 +82,16 @@ def make(name: str) -> list[Path] | None:
     """Make an item; None where it is up to date, else what was written."""
     module = load(name)
     state = {"versions": used_versions(), "inputs": hashes(reads(module))}
+    local = state | {"code": code()}
     here = scores.ROOT / ".cache" / "reproduce" / scores.output_folder().name / f"{name}.json"
-    if here.exists():
-        kept = json.loads(here.read_text(encoding="utf-8"))
-        same = kept == state | {"code": code(), "outputs": kept["outputs"]}
-        if same and hashes(scores.ROOT / path for path in kept["outputs"]) == kept["outputs"]:
-            return None
+    kept = json.loads(here.read_text(encoding="utf-8")) if here.exists() else {"outputs": ()}
+    if kept == local | {"outputs": hashes(scores.ROOT / path for path in kept["outputs"])}:
+        return None
     written = write(module)
     outputs = hashes(written)
-    local = state | {"code": code(), "outputs": outputs}
     committed = {path: sha256 for path, sha256 in outputs.items() if path not in NOT_COMMITTED}
     committed = {"command": f"make reproduce-{name}"} | state | {"outputs": committed}
-    for path, content in ((manifest(name), committed), (here, local)):
+    for path, content in ((manifest(name), committed), (here, local | {"outputs": outputs})):
         write_atomically(path, json.dumps(content, indent=1).encode() + b"\n")
     return written
 

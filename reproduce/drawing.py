@@ -42,17 +42,13 @@ matplotlib.rcParams.update(
 )
 
 
-def save(figure: Figure, name: str) -> list[Path]:
+def save(name: str, figure: Figure) -> list[Path]:
     """Write NAME.svg, .pdf and .png to the figures' folder; returns their paths."""
     folder = scores.output_folder() / "figures"
     paths = []
-    for suffix, metadata in (
-        ("svg", {"Date": None}),
-        ("pdf", {"CreationDate": None}),
-        ("png", {"Software": None}),
-    ):
+    for suffix, changing in (("svg", "Date"), ("pdf", "CreationDate"), ("png", "Software")):
         data = io.BytesIO()
-        figure.savefig(data, format=suffix, dpi=200, metadata=metadata)
+        figure.savefig(data, format=suffix, dpi=200, metadata={changing: None})
         paths.append(folder / f"{name}.{suffix}")
         write_atomically(paths[-1], data.getvalue())
     return paths

@@ -1,15 +1,10 @@
-"""Figure 1: the walker on hardcore terrain, original body above, learned body below.
-
-Reads the checkpoints of both experiments in pretrained/; with ZOO=path the author's weights
-instead.
-
-    make reproduce-figure1
-"""
+"""Figure 1: the walker on hardcore terrain, original body above, learned body below."""
 
 from matplotlib.figure import Figure
 
 from reproduce import drawing
 
+READS = ("biped-hardcore", "biped-hardcore-morphology")
 CAPTIONS = {
     "figure1": (
         "Figure 1",
@@ -18,10 +13,8 @@ CAPTIONS = {
         "rollout is the one closest to both agents' medians over the evaluation.",
     )
 }
-READS = ("biped-hardcore", "biped-hardcore-morphology")
-LABELS = ("Original body", "Learned body")
 
 
 def figures() -> dict[str, Figure]:
     """The figure."""
-    return {"figure1": drawing.strips(READS, LABELS)}
+    return {"figure1": drawing.strips(READS, ("Original body", "Learned body"))}

@@ -1,9 +1,4 @@
-"""Figure 2: Gym's loop of agent and environment, and the paper's altered one.
-
-Reads nothing.
-
-    make reproduce-figure2
-"""
+"""Figure 2: Gym's loop of agent and environment, and the paper's altered one."""
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -1,10 +1,7 @@
 """Figure 3: the ant, original body above, learned body below, with diagrams of both.
 
 The pictures are PyBullet's, as the environment renders them; the diagrams show the legs stretched
-out flat, from above. Reads the checkpoints of both experiments in pretrained/; with ZOO=path the
-author's weights instead.
-
-    make reproduce-figure3
+out flat, from above.
 """
 
 import gymnasium
@@ -22,7 +19,9 @@ CAPTIONS = {
     "figure3": (
         "Figure 3",
         "The ant: moments of one rollout as the environment renders them, original body above, "
-        "learned body below; then both bodies from above with the legs stretched out flat.",
+        "learned body below; then both bodies from above with the legs stretched out flat. The "
+        "legs have the paper's names, which follow an ant that faces y (left): in the walk along "
+        "x, front left and back right lead.",
     )
 }
 READS = ("ant", "ant-morphology")

@@ -1,13 +1,6 @@
 """Figure 5: learning curves of hardcore, with the original and with a learned body.
 
-Above the population's mean return, as training sees it; below the score of the best agent so far,
-without training's changes of the reward. Over generations, environment steps and core-hours (these
-where a recording has them). The best run of each experiment also has the population's ± 2 standard
-deviations and the score of each evaluated agent; the others are pale. Reads the recordings in
-logs/EXPERIMENT/seed*/ and paper/paper.toml. In the same way the curves of the flat walkers, of the
-walkers that are rewarded for smaller legs and of the ants: curves, curves_smaller_leg, curves_ant.
-
-    make reproduce-figure5
+CAPTIONS says what they show. In the same way the curves of the other experiments.
 """
 
 from pathlib import Path
@@ -42,10 +35,7 @@ CAPTIONS = {
 EXPERIMENTS_OF = {
     "figure5": ("biped-hardcore", "biped-hardcore-morphology"),
     "curves": ("biped", "biped-morphology"),
-    "curves_smaller_leg": (
-        "biped-morphology-smaller-leg",
-        "biped-hardcore-morphology-smaller-leg",
-    ),
+    "curves_smaller_leg": ("biped-morphology-smaller-leg", "biped-hardcore-morphology-smaller-leg"),
     "curves_ant": ("ant", "ant-morphology"),
 }
 LABELS = {"biped-hardcore": "Original body", "biped-hardcore-morphology": "Learned body"}
@@ -80,8 +70,7 @@ def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
 def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colour: str) -> None:
     """Draw an experiment's runs over one of AXES: the population above, evaluations below."""
     for run in runs:
-        values = (run.generation, run.steps / 1e6, run.core_hours)
-        at = values[AXES.index(axis)]
+        at = (run.generation, run.steps / 1e6, run.core_hours)[AXES.index(axis)]
         # The best run, over the others, and only it with its band: bands of many runs hide all.
         best_run = run is runs[-1]
         name = f"{label} ({run.episodes} episodes an evaluation)" if best_run else None
@@ -114,7 +103,7 @@ def curves(experiments: tuple[str, ...]) -> Figure:
     """The learning curves of some experiments: two panels for each of AXES."""
     labels = {name: LABELS.get(name, EXPERIMENTS[name].title) for name in experiments}
     found = {name: read_runs(name, label) for name, label in labels.items()}
-    timed = any(run.cpu_seconds is not None for runs, _ in found.values() for run in runs)
+    timed = any(np.isfinite(run.core_hours).any() for runs, _ in found.values() for run in runs)
     columns = AXES if timed else AXES[:2]
     figure = Figure(figsize=(drawing.WIDTH, 3.9), layout="constrained")
     panels = figure.subplots(2, len(columns), sharex="col", sharey="row")
@@ -124,12 +113,11 @@ def curves(experiments: tuple[str, ...]) -> Figure:
         for axes in (above, below):
             if not axes.lines:
                 axes.set_ylim(-150, 400)  # nothing to draw yet
-        for name, colour in zip(experiments, COLOURS, strict=True):
-            mark_paper(below, axis, name, labels[name], colour)
-        for axes in (above, below):
             if "biped" in experiments or "biped-hardcore" in experiments:
                 axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
             axes.margins(x=0.02)
+        for name, colour in zip(experiments, COLOURS, strict=True):
+            mark_paper(below, axis, name, labels[name], colour)
         below.set_xlabel(axis)
         if below.get_xscale() == "linear":
             below.set_xlim(left=0)

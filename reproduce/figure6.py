@@ -1,25 +1,14 @@
-"""Figure 6: walkers rewarded for smaller legs, on flat terrain above, hardcore below.
-
-Reads the checkpoints of both experiments in pretrained/; with ZOO=path the author's weights
-instead.
-
-    make reproduce-figure6
-"""
+"""Figure 6: walkers rewarded for smaller legs, on flat terrain above, hardcore below."""
 
 from matplotlib.figure import Figure
 
 from reproduce import drawing
 
-CAPTIONS = {
-    "figure6": (
-        "Figure 6",
-        "Walkers rewarded for smaller legs, on flat terrain above, hardcore below.",
-    )
-}
 READS = ("biped-morphology-smaller-leg", "biped-hardcore-morphology-smaller-leg")
-LABELS = ("Smaller legs", "Smaller legs, hardcore")
+CAPTION = "Rewarded for smaller legs: walkers on flat terrain above, on hardcore below."
+CAPTIONS = {"figure6": ("Figure 6", CAPTION)}
 
 
 def figures() -> dict[str, Figure]:
     """The figure."""
-    return {"figure6": drawing.strips(READS, LABELS)}
+    return {"figure6": drawing.strips(READS, ("Smaller legs", "Smaller legs, hardcore"))}

@@ -7,7 +7,6 @@ checkpoint are skipped. Not part of `make reproduce`: nothing is read from it.
 """
 
 import io
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -43,31 +42,19 @@ def rollout(s: Score) -> tuple[list[Image.Image], float]:
 
 def main() -> None:
     """Write a picture per experiment that has a checkpoint."""
-    folder = scores.output_folder() / "gallery"
-    written: list[Path] = []
     with tqdm(EXPERIMENTS, unit="picture") as bar:
         for name in bar:
             bar.set_postfix_str(name)
             s = scores.representative(name)
-            frames, duration = rollout(s) if s else ([], 0.0)
-            if not frames:
-                tqdm.write(f"{name}: no checkpoint yet" if s is None else f"{name}: it falls early")
+            if s is None:
                 continue
+            frames, duration = rollout(s)
             data = io.BytesIO()
-            frames[0].save(
-                data,
-                "WEBP",
-                save_all=True,
-                append_images=frames[1:],
-                duration=round(duration),
-                loop=0,
-                quality=40,
-                method=4,
-            )
-            written.append(folder / f"{name}.webp")
-            write_atomically(written[-1], data.getvalue())
-    for path in written:
-        print(f"{scores.shown(path)}: {path.stat().st_size / 1024:.0f} kB")
+            how = {"duration": round(duration), "loop": 0, "quality": 40, "method": 4}
+            frames[0].save(data, "WEBP", save_all=True, append_images=frames[1:], **how)
+            path = scores.output_folder() / "gallery" / f"{name}.webp"
+            write_atomically(path, data.getvalue())
+            tqdm.write(f"{scores.shown(path)}: {path.stat().st_size / 1024:.0f} kB")
 
 
 if __name__ == "__main__":

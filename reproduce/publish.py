@@ -20,7 +20,7 @@ from designrl.checkpoint import load
 from designrl.errors import InputError
 from designrl.files import write_atomically
 from designrl.policy import Agent
-from designrl.recording import Recording, read, thin
+from designrl.recording import read, thin
 from designrl.settings import TrainSettings
 from reproduce import drawing, figure5, scores
 from reproduce.runs import Run, read_run, recording_of
@@ -66,7 +66,9 @@ def publish(run: Path, replace: bool = False) -> str:
     (log / "rollouts").mkdir(parents=True)
     every = max(1, len(recording.generations) // KEPT_GENERATIONS)
     thin(recording.path, log / "generations.mcap", every=every)
-    for path in {rollouts[0], halfway(rollouts[: rollouts.index(best) + 1], recording), best}:
+    evaluated, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
+    between = halfway(rollouts[: rollouts.index(best) + 1], evaluated, means)
+    for path in {rollouts[0], between, best}:
         shutil.copyfile(path, log / "rollouts" / path.name)
     write_atomically(checkpoint, content)
     curve = learning_curve(recorded, agent)
@@ -76,12 +78,11 @@ def publish(run: Path, replace: bool = False) -> str:
     return f"{checkpoint}, its card, its curve and {log} written"
 
 
-def halfway(rollouts: list[Path], recording: Recording) -> Path:
+def halfway(rollouts: list[Path], evaluated: np.ndarray, means: np.ndarray) -> Path:
     """Of a run's rollouts, the one whose evaluation is nearest to the middle of first and last."""
-    # Between evaluations, too: a rollout that was recorded afterwards had none of its own.
-    evaluated = recording.array("/evaluation", "generation") + 1
     at = [int(path.stem.removeprefix("generation")) for path in rollouts]
-    score = np.interp(at, evaluated, recording.array("/evaluation", "mean"))
+    # Between evaluations, too: a rollout that was recorded afterwards had none of its own.
+    score = np.interp(at, evaluated + 1, means)
     return rollouts[np.argmin(np.abs(score - (score[0] + score[-1]) / 2))]
 
 
@@ -107,8 +108,8 @@ def card(s: Score, run: Run) -> str:
     m, experiment, design = s.agent.metadata, s.agent.experiment, s.agent.experiment.design
     error = 1.96 * s.std / np.sqrt(len(s.returns))
     mean, std = scores.paper()["table3"][experiment.name]
-    spent = [f"{run.steps[-1]:,} environment steps", f"{run.seconds[-1] / 3600:.2f} hours"]
-    if run.cpu_seconds is not None:
+    spent = [f"{run.steps[-1]:,} environment steps", f"{run.hours[-1]:.2f} hours"]
+    if np.isfinite(run.core_hours[-1]):
         spent.insert(1, f"{run.core_hours[-1]:.2f} core-hours")
     factor = ", with the reward for smaller legs" * scores.rewards_small_legs(experiment.name)
     paragraphs = [

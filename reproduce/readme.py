@@ -3,13 +3,9 @@
 Reads paper/tables/table3.csv, paper/author.csv and paper/paper.toml, and writes the lines between
 <!-- table3 --> and <!-- /table3 --> in README.md. The author's files are not ours to publish, so
 their scores stand in paper/author.csv, which ZOO=path makes anew.
-
-    make reproduce-readme
-    make reproduce-readme ZOO=path/to/the/2018/zoo
 """
 
 import csv
-import io
 from pathlib import Path
 
 from tabulate import tabulate
@@ -19,10 +15,9 @@ from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
 from reproduce import scores
 from reproduce.table3 import over_runs
-from reproduce.tables import mean_and_std
+from reproduce.tables import as_csv, mean_and_std
 
 START, END = "<!-- table3 -->", "<!-- /table3 -->"
-FIELDS = ("experiment", "mean", "std", "episodes", "seed", "sha256")  # of paper/author.csv
 
 
 def paths() -> tuple[Path, Path]:
@@ -46,15 +41,12 @@ def score_author() -> None:
     """Score those of the author's weights that are there, and keep the results."""
     path, _ = paths()
     kept = by_experiment(path) if path.exists() else {}
-    for name, runs in scores.authors_scores().items():
-        if not runs[1].problem:
-            values = (name, runs[1].mean, runs[1].std, scores.EPISODES, scores.SEED, runs[1].sha256)
-            kept[name] = dict(zip(FIELDS, values, strict=True))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, FIELDS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(kept[name] for name in EXPERIMENTS if name in kept)
-    write_atomically(path, text.getvalue().encode())
+    for name in EXPERIMENTS:
+        s = scores.score(scores.authors(name)[1], name)
+        if not s.problem:
+            kept[name] = {"experiment": name, "mean": s.mean, "std": s.std}
+            kept[name] |= {"episodes": scores.EPISODES, "seed": scores.SEED, "sha256": s.sha256}
+    write_atomically(path, as_csv([kept[name] for name in EXPERIMENTS if name in kept]).encode())
 
 
 def table() -> str:

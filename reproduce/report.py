@@ -2,8 +2,6 @@
 
 Reads report_template.md, the figures, pretrained/ and logs/. Writes paper/report.md, and
 paper/report.html: one file with all pictures inside, which git does not keep.
-
-    make reproduce-report
 """
 
 import base64
@@ -65,64 +63,44 @@ def table_part(item: str, table: Table) -> str:
 def figure_part(name: str) -> str:
     """A figure with its caption and origin."""
     item, title, caption = CAPTIONS[name]
-    image = f"![{title}: {caption}](figures/{name}.png)"
     line = origin_line(item, "figures", name, ("svg", "pdf"))
-    return "\n\n".join([f"### {title}", image, caption, line])
+    return "\n\n".join([f"### {title}", f"![{title}](figures/{name}.png)", caption, line])
 
 
-def summary(ours: dict[str, list[Score]]) -> str:
-    """What there is so far, in a sentence."""
-    count = sum(len(usable(found)) for found in ours.values())
-    left = [f"({e.letter}) {e.title}" for name, e in EXPERIMENTS.items() if not usable(ours[name])]
-    without = f" There is no checkpoint yet of {', '.join(left)}." if left else ""
-    which = f"{len(EXPERIMENTS) - len(left)} of the eight" if left else "all eight"
-    return f"{count} runs of {which} experiments.{without}"
-
-
-def does_a_learned_body_help() -> str:
-    """The statistics' answer in one paragraph, for the paper's runs and ours."""
-    starts = {PAPER: "In the paper's own runs", "ours": "In ours"}
-    sentences = []
-    for source, values in statistics.run_means().items():
-        said = []
-        for without, with_ in statistics.PAIRS:
-            if scores.rewards_small_legs(with_):
-                continue  # they trade score for smaller legs
-            a, b = values[without], values[with_]
-            words = "there are no runs of both yet"
-            if len(a) and len(b):
-                c = statistics.compare(a, b)
-                words = f"{c['difference']:+.0f} points ({statistics.verdict(c)})"
-            said.append(f"{EXPERIMENTS[without].title}: {words}")
-        start = starts.get(source, f"With the {source}")
-        sentences.append(f"{start}, a learned body against the original one: {'; '.join(said)}.")
-    return " ".join(sentences)
-
-
-def spent(steps: float, core_hours: float, seconds: float) -> list[str]:
-    """Steps, core-hours and hours as the table of costs has them."""
-    cores = "-" if np.isnan(core_hours) else f"{core_hours:.2f}"
-    return [f"{steps / 1e6:,.0f} M", cores, f"{seconds / 3600:.2f}"]
+def does_a_learned_body_help(comparisons: list[dict]) -> str:
+    """The statistics' answer as a list, for the paper's runs and ours."""
+    starts, lines = {PAPER: "The paper's runs", "ours": "Ours"}, {}
+    for c in comparisons:
+        if not scores.rewards_small_legs(c["with"]):  # these trade score for smaller legs
+            words = f"{c['difference']:+.0f} points ({statistics.verdict(c)})"
+            said = f"{EXPERIMENTS[c['without']].title} {words}"
+            lines.setdefault(c["source"], []).append(said)
+    return "\n".join(f"- {starts.get(s, s)}: {'; '.join(said)}." for s, said in lines.items())
 
 
 def costs(ours: dict[str, list[Score]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
+
+    def known(hours: float) -> str:
+        return "-" if np.isnan(hours) else f"{hours:.2f}"
+
+    def spent(steps: float, core_hours: float, hours: float) -> list[str]:
+        return [f"{steps / 1e6:,.0f} M", known(core_hours), known(hours)]
+
     rows, totals = [], []
-    header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
-    header += ["Solved: generation; core-hours", "In the paper"]
     for name, s in ((name, s) for name, found in ours.items() for s in usable(found)):
         e, solved, paper = EXPERIMENTS[name], "", ""
-        label = Cell(f"({e.letter}) {e.title}, {s.run}", name)
+        label = Cell(f"{scores.title(name)}, {s.run}", name)
         try:
             run = read_run(recording_of(s.path))
         except InputError:
             rows.append([label, "no recording", *[""] * 5])
             continue
-        totals.append((run.steps[-1], run.core_hours[-1], run.seconds[-1]))
-        if e.env_id in table2.ENVIRONMENTS and not scores.rewards_small_legs(name):
+        totals.append((run.steps[-1], run.core_hours[-1], run.hours[-1]))
+        if name in table2.WALKERS and not scores.rewards_small_legs(name):
             at, solved = run.solved_at(), "not yet"
             if at is not None:  # a generation's number counts the updates by then, as a card does
-                solved = f"{run.generation[at] + 1:,}; {spent(0, run.core_hours[at], 0)[1]}"
+                solved = f"{run.generation[at] + 1:,}; {known(run.core_hours[at])}"
         if "hours" in (printed := scores.paper()["text"].get(name, {})):
             core_hours = printed["hours"] * figure5.PAPER_CORES
             paper = f"{printed['generations']:,}; {core_hours:,}"
@@ -131,23 +109,19 @@ def costs(ours: dict[str, list[Score]]) -> str:
     if not totals:
         return "No run is published yet."
     rows.append([f"All {len(totals)} published runs", "", *spent(*np.sum(totals, 0)), "", ""])
+    header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
+    header += ["Solved: generation; core-hours", "In the paper"]
     return Table("costs", "", header, rows, [], []).markdown(linked)
 
 
 def origins(ours: dict[str, list[Score]]) -> str:
     """Each checkpoint: file, hash, how it was scored and trained."""
-    used = ", ".join(f"{name} {value}" for name, value in scores.used_versions().items())
-    lines = [
-        f"All scores: {scores.EPISODES} episodes on the reference environments, the episodes' "
-        f"seeds drawn by `designrl.evaluation.episode_seeds({scores.SEED}, {scores.EPISODES})`. "
-        f"Versions: {used}. Printed numbers are in [paper.toml]({TO_PAPER})."
-    ]
-    for name, e in EXPERIMENTS.items():
-        lines += [f'<a id="origin-{e.letter}"></a>', f"### ({e.letter}) {e.title}"]
-        lines += [] if ours[name] else ["No checkpoint yet."]
-        for s in ours[name]:
-            lines.append(origin(s))
-    return "\n\n".join(lines)
+    parts = [f"{scores.scoring_note()} Printed numbers are in [paper.toml]({TO_PAPER})."]
+    for name, found in ours.items():
+        anchor = f'<a id="origin-{EXPERIMENTS[name].letter}"></a>'
+        parts += [anchor, f"### {scores.title(name)}"]
+        parts += [origin(s) for s in found] or ["No checkpoint yet."]
+    return "\n\n".join(parts)
 
 
 def origin(s: Score) -> str:
@@ -185,7 +159,7 @@ h1, h2, h3 { line-height: 1.2; }
 h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
 img { width: 100%; max-width: 44rem; height: auto; display: block; margin: 0 auto; }
 .wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 0.8rem; }
+table { border-collapse: collapse; font-size: 0.8rem; min-width: 40rem; }
 th, td { padding: 0.2rem 0.5rem; border-bottom: 1px solid #ddd; text-align: left;
   vertical-align: top; }
 td { min-width: 2.5rem; }
@@ -221,17 +195,16 @@ def page(text: str, folder: Path) -> str:
 
 def main() -> list[Path]:
     """Write the report; returns its files."""
-    ours = scores.pretrained_scores()
+    made = [(item, m.tables()) for item, m in MODULES.items() if hasattr(m, "tables")]
+    tables = {table.name: (item, table) for item, found in made for table in found}
+    ours = {name: list(scores.by_source(name)["ours"].values()) for name in EXPERIMENTS}
     parts = {
-        "summary": summary(ours),
-        "answer": does_a_learned_body_help(),
+        "answer": does_a_learned_body_help(tables["statistics"][1].records),
         "costs": costs(ours),
         "origins": origins(ours),
         **{name: figure_part(name) for name in CAPTIONS},
+        **{name: table_part(*found) for name, found in tables.items()},
     }
-    for item, module in MODULES.items():
-        for table in module.tables() if hasattr(module, "tables") else ():
-            parts[table.name] = table_part(item, table)
     text = TEMPLATE.read_text(encoding="utf-8")
     text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], text)
     folder = scores.output_folder()

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from designrl.errors import InputError
-from designrl.recording import Recording, read
+from designrl.recording import read
 from reproduce import scores
 
 SOLVED = 300  # points, for the walkers
@@ -28,9 +28,9 @@ class Run:
 
     Attributes:
         host: the machine, in words.
-        generation, steps, seconds: (G,) of each generation; environment steps and s of wall time
-            from the run's start to its end.
-        cpu_seconds: (G,) s of processor time, likewise; None where it was not recorded.
+        generation: (G,) the recorded ones.
+        steps, hours, core_hours: (G,) environment steps, wall time and processor time (NaN where it
+            was not recorded) from the run's start to a generation's end.
         mean, sd: (G,) points, over the population, with training's changes of the reward.
         tested: (E,) which generations were evaluated, as indices into the others.
         scores: (E,) points, mean over each evaluation's episodes.
@@ -40,34 +40,18 @@ class Run:
     host: str
     generation: np.ndarray
     steps: np.ndarray
-    seconds: np.ndarray
-    cpu_seconds: np.ndarray | None
+    hours: np.ndarray
+    core_hours: np.ndarray
     mean: np.ndarray
     sd: np.ndarray
     tested: np.ndarray
     scores: np.ndarray
     episodes: str
 
-    @property
-    def core_hours(self) -> np.ndarray:
-        """(G,) hours of processor time; NaN where it was not recorded."""
-        if self.cpu_seconds is None:
-            return np.full(len(self.seconds), np.nan)
-        return self.cpu_seconds / 3600
-
     def solved_at(self) -> int | None:
         """Index of the generation before the first evaluation of SOLVED; None without one."""
         reached = self.tested[self.scores >= SOLVED]
         return int(reached[0]) if len(reached) else None
-
-
-def cpu_seconds(recording: Recording) -> np.ndarray | None:
-    """(G,) s of processor time up to each generation; None where it was not recorded."""
-    try:
-        found = recording.array("/summary", "cpu_seconds")
-    except InputError:  # no such field
-        return None
-    return found if found.any() else None
 
 
 def read_run(path: Path) -> Run:
@@ -77,24 +61,24 @@ def read_run(path: Path) -> Run:
         InputError: it cannot be read or holds no generation.
     """
     recording = read(path)
-    if len(recording.generations) == 0:
+    generation = recording.generations
+    if len(generation) == 0:
         raise InputError(f"{path} holds no generation; train further")
-    steps, seconds, mean, sd = (
-        recording.array("/summary", name) for name in ("total_steps", "seconds", "mean", "sd")
-    )
+    names = ("total_steps", "seconds", "cpu_seconds", "mean", "sd")
+    steps, seconds, cpu_seconds, mean, sd = (recording.array("/summary", name) for name in names)
     tested, means, counts = np.empty(0, np.uint32), np.empty(0), {0}
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
         counts = {len(row) for row in recording.array("/evaluation", "scores")}
     return Run(
-        recording.metadata.get("host", "an unknown machine"),
-        recording.generations,
-        steps,
-        seconds,
-        cpu_seconds(recording),
-        mean,
-        sd,
-        np.searchsorted(recording.generations, tested).clip(max=len(mean) - 1),
-        means,
-        "–".join(map(str, sorted({min(counts), max(counts)}))),
+        host=recording.metadata.get("host", "an unknown machine"),
+        generation=generation,
+        steps=steps,
+        hours=seconds / 3600,
+        core_hours=cpu_seconds / 3600 if cpu_seconds.any() else np.full(len(steps), np.nan),
+        mean=mean,
+        sd=sd,
+        tested=np.searchsorted(generation, tested).clip(max=len(generation) - 1),
+        scores=means,
+        episodes="–".join(map(str, sorted({min(counts), max(counts)}))),
     )

@@ -9,8 +9,8 @@ import json
 import os
 import sys
 import tomllib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +28,6 @@ from designrl.published import file_name, published_runs
 ROOT = Path(__file__).resolve().parents[1]
 EPISODES = 100  # as the paper's tables
 SEED = 0
-WALKER = EXPERIMENTS["biped-morphology"].design
-ANT = EXPERIMENTS["ant-morphology"].design
 
 
 @dataclass(frozen=True)
@@ -66,6 +64,11 @@ class Score:
         return self.path.stem.replace("seed", "seed ")
 
 
+def title(experiment: str) -> str:
+    """An experiment as Table 3 names it, "(a) Ant" for instance."""
+    return f"({EXPERIMENTS[experiment].letter}) {EXPERIMENTS[experiment].title}"
+
+
 def rewards_small_legs(experiment: str) -> bool:
     """Whether an experiment's rewards are scaled by the leg area, in evaluations, too."""
     return "leg_area_reward" in EXPERIMENTS[experiment].training_kwargs
@@ -75,6 +78,13 @@ def used_versions() -> dict[str, str]:
     """Versions of this package and of the libraries that a score depends on."""
     names = ("designrl", "box2d-py", "gymnasium", "numpy", "pybullet")
     return {name: versions()[name] for name in names}
+
+
+def scoring_note() -> str:
+    """How scores were made, with versions."""
+    used = ", ".join(f"{name} {version}" for name, version in used_versions().items())
+    how = f"{EPISODES} episodes, evaluation seed {SEED}"
+    return f"Scored on the reference environments, {how}; {used}."
 
 
 def paper() -> dict:
@@ -110,26 +120,14 @@ def score(path: Path, experiment: str) -> Score:
     try:
         returns = np.array(json.loads(kept.read_text())["returns"], dtype=np.float64)
         if returns.shape == (EPISODES,):
-            return Score(path, s.sha256, s.agent, returns)
+            return replace(s, returns=returns)
     except (OSError, ValueError, KeyError, TypeError):
         pass  # a missing or damaged entry is computed
     with tqdm(total=EPISODES, desc=shown(path), unit="episode", leave=False, disable=None) as bar:
         workers = len(os.sched_getaffinity(0))
-        result = evaluate(s.agent, EPISODES, SEED, workers, "reference", bar.update)
-        returns = result.scores
+        returns = evaluate(s.agent, EPISODES, SEED, workers, "reference", bar.update).scores
     write_atomically(kept, json.dumps({"key": key, "returns": returns.tolist()}).encode())
-    return Score(path, s.sha256, s.agent, returns)
-
-
-def pretrained(experiment: str) -> list[Path]:
-    """Our checkpoints of an experiment, by seed."""
-    found = (ROOT / "pretrained" / experiment).glob("*.safetensors")
-    return sorted(found, key=lambda path: (len(path.name), path.name))
-
-
-def pretrained_scores(names: Iterable[str] = EXPERIMENTS) -> dict[str, list[Score]]:
-    """Scores of our checkpoints, by experiment."""
-    return {name: [score(path, name) for path in pretrained(name)] for name in names}
+    return replace(s, returns=returns)
 
 
 def usable(found: Iterable[Score]) -> list[Score]:
@@ -137,17 +135,13 @@ def usable(found: Iterable[Score]) -> list[Score]:
     return [s for s in found if not s.problem]
 
 
-def authors_runs(experiment: str) -> dict[int, Path]:
-    """The author's runs of an experiment, by number; a missing run 1 by its name. Needs ZOO."""
-    return {1: Path(file_name(experiment))} | published_runs(zoo(), experiment)
+# ------------------------------------------------------------------------ which runs there are
 
 
-def authors_scores(names: Iterable[str] = EXPERIMENTS) -> dict[str, dict[int, Score]]:
-    """Scores of the author's runs, by experiment and run; empty without ZOO."""
-    return {
-        name: {run: score(path, name) for run, path in authors_runs(name).items()} if zoo() else {}
-        for name in names
-    }
+def pretrained(experiment: str) -> list[Path]:
+    """Our checkpoints of an experiment, by seed."""
+    found = (ROOT / "pretrained" / experiment).glob("*.safetensors")
+    return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
 def zoo() -> str | None:
@@ -161,16 +155,29 @@ def zoo() -> str | None:
     return folder or None
 
 
-def output_folder() -> Path:
-    """paper/, or paper/with-zoo/ (not committed) where ZOO adds the author's weights."""
-    return ROOT / "paper" / ("with-zoo" if zoo() else "")
+def authors(experiment: str) -> dict[int, Path]:
+    """The author's runs of an experiment, by number; a missing run 1 by its name. Needs ZOO."""
+    return {1: Path(file_name(experiment))} | published_runs(zoo(), experiment)
 
 
-def read_for(*names: str) -> list[Path]:
-    """All files that scores of these experiments depend on: the paper's, ours, the author's."""
-    authors = [path for name in names if zoo() for path in published_runs(zoo(), name).values()]
-    ours = [path for name in names for path in pretrained(name)]
-    return [ROOT / "paper" / "paper.toml", *ours, *authors]
+def by_source(experiment: str) -> dict[str, dict[int, Score]]:
+    """Our runs, numbered from 1, as "ours"; with ZOO also the "author's weights"."""
+    found = {"ours": dict(enumerate(pretrained(experiment), 1))}
+    if zoo():
+        found["author's weights"] = authors(experiment)
+    return {
+        source: {run: score(path, experiment) for run, path in paths.items()}
+        for source, paths in found.items()
+    }
+
+
+def by_label(experiment: str, read: Callable[[Path, str], Score] = score) -> dict[str, Score]:
+    """Our runs, "ours, seed 0" for instance, and with ZOO the author's run 1; read by `read`."""
+    ours = [read(path, experiment) for path in pretrained(experiment)]
+    found = {f"ours, {s.run}": s for s in ours}
+    if zoo():
+        found["author's weights"] = read(authors(experiment)[1], experiment)
+    return found
 
 
 def representative(experiment: str, rank: int = 0) -> Score | None:
@@ -180,6 +187,18 @@ def representative(experiment: str, rank: int = 0) -> Score | None:
     """
     paths = pretrained(experiment)
     if zoo():
-        paths, rank = [p for run, p in authors_runs(experiment).items() if run == (1, 9)[rank]], 0
+        paths, rank = [p for run, p in authors(experiment).items() if run == (1, 9)[rank]], 0
     found = sorted(usable(score(path, experiment) for path in paths), key=lambda s: -s.mean)
     return found[rank] if len(found) > rank else None
+
+
+def output_folder() -> Path:
+    """paper/, or paper/with-zoo/ (not committed) where ZOO adds the author's weights."""
+    return ROOT / "paper" / ("with-zoo" if zoo() else "")
+
+
+def read_for(*names: str) -> list[Path]:
+    """All files that scores of these experiments depend on: the paper's, ours, the author's."""
+    theirs = [path for name in names if zoo() for path in published_runs(zoo(), name).values()]
+    ours = [path for name in names for path in pretrained(name)]
+    return [ROOT / "paper" / "paper.toml", *ours, *theirs]

@@ -3,10 +3,7 @@
 Per pair of experiments, without and with a learned body: the difference of the means over runs, the
 probability of improvement (that a run with it beats one without, ties half), both with bootstrap
 95 % intervals over runs, and a permutation test. Per experiment the interval of the mean over runs,
-and per run of ours over its rollouts. Reads pretrained/ and Table 4 in paper/paper.toml; with
-ZOO=path also the author's weights. Makes the tables statistics and intervals.
-
-    make reproduce-statistics
+and per run of ours over its rollouts. Makes the tables statistics and intervals.
 """
 
 import itertools
@@ -57,14 +54,14 @@ def permutation_p(without: np.ndarray, with_: np.ndarray) -> float:
     together = np.concatenate([without, with_])
     n, m = len(without), len(with_)
     observed = abs(with_.mean() - without.mean()) - 1e-9
-    if math.comb(n + m, n) <= RESAMPLES:
+    all_ways = math.comb(n + m, n) <= RESAMPLES
+    if all_ways:
         first = together[np.array(list(itertools.combinations(range(n + m), n)))].sum(axis=1)
-        differences = np.abs((together.sum() - first) / m - first / n)
-        return float((differences >= observed).mean())
-    rng = np.random.default_rng(0)
-    dealt = rng.permuted(np.broadcast_to(together, (RESAMPLES, n + m)), axis=1)
-    differences = np.abs(dealt[:, n:].mean(axis=1) - dealt[:, :n].mean(axis=1))
-    return float((1 + (differences >= observed).sum()) / (1 + RESAMPLES))
+    else:
+        shuffled = np.broadcast_to(together, (RESAMPLES, n + m))
+        first = np.random.default_rng(0).permuted(shuffled, axis=1)[:, :n].sum(axis=1)
+    as_far = np.abs((together.sum() - first) / m - first / n) >= observed
+    return float(as_far.mean() if all_ways else (1 + as_far.sum()) / (1 + RESAMPLES))
 
 
 def compare(without: np.ndarray, with_: np.ndarray) -> dict:
@@ -75,16 +72,17 @@ def compare(without: np.ndarray, with_: np.ndarray) -> dict:
         "difference": float(with_.mean() - without.mean()),
         "probability": float(probability_of_improvement(without, with_)),
     }
+    values = [np.nan] * 5
+    if min(len(without), len(with_)) > 1:
+        rng = np.random.default_rng(0)
+        a, b = resampled(without, rng), resampled(with_, rng)
+        values = [
+            *np.percentile(b.mean(axis=1) - a.mean(axis=1), LEVEL).tolist(),
+            *np.percentile(probability_of_improvement(a, b), LEVEL).tolist(),
+            permutation_p(without, with_),
+        ]
     names = ("difference_low", "difference_high", "probability_low", "probability_high", "p")
-    if min(len(without), len(with_)) < 2:
-        return result | dict.fromkeys(names, np.nan)
-    rng = np.random.default_rng(0)
-    a, b = resampled(without, rng), resampled(with_, rng)
-    intervals = [
-        *np.percentile(b.mean(axis=1) - a.mean(axis=1), LEVEL).tolist(),
-        *np.percentile(probability_of_improvement(a, b), LEVEL).tolist(),
-    ]
-    return result | dict(zip(names, [*intervals, permutation_p(without, with_)], strict=True))
+    return result | dict(zip(names, values, strict=True))
 
 
 def verdict(c: dict) -> str:
@@ -101,49 +99,39 @@ def interval(low: float, high: float, shape: str = "{:.0f}") -> str:
     return "" if np.isnan(low) else f"[{shape.format(low)}, {shape.format(high)}]"
 
 
-def run_means() -> dict[str, dict[str, np.ndarray]]:
-    """Source -> experiment -> (n,) means of its runs."""
-    printed = scores.paper()["table4"]
-    means = {PAPER: {name: np.array(printed[name], dtype=float) for name in EXPERIMENTS}}
-    found = {"ours": scores.pretrained_scores()}
-    if scores.zoo():
-        found["author's weights"] = {n: r.values() for n, r in scores.authors_scores().items()}
-    for source, runs in found.items():
-        means[source] = {n: np.array([s.mean for s in scores.usable(runs[n])]) for n in runs}
-    return means
+Means = dict[str, dict[str, np.ndarray]]  # experiment -> source -> (n,) means of its runs
 
 
-def pairs(means: dict[str, dict[str, np.ndarray]], ours: list[scores.Score]) -> Table:
+def pairs(means: Means, ours: list[scores.Score]) -> Table:
     """The table of pairs."""
     rows, records = [], []
     for without, with_ in PAIRS:
         rows += [None] if rows else []
         letters = f"({EXPERIMENTS[with_].letter}) over ({EXPERIMENTS[without].letter})"
         head = [letters, EXPERIMENTS[with_].title]
-        for source, values in means.items():
-            a, b = values[without], values[with_]
-            numbers, words = [f"{len(b)}, {len(a)}", "", "", ""], "no runs of both yet"
+        for source, b in means[with_].items():
+            a = means[without][source]
+            numbers, words = ["", "", ""], "no runs of both yet"
             if len(a) and len(b):
                 c = compare(a, b)
                 records.append({"without": without, "with": with_, "source": source} | c)
                 limits = interval(c["difference_low"], c["difference_high"], "{:+.0f}")
                 chances = interval(c["probability_low"], c["probability_high"], "{:.0%}")
                 p = "" if np.isnan(c["p"]) else f"{c['p']:.4f}" if c["p"] >= 1e-4 else "< 0.0001"
-                numbers[1:] = [
-                    f"{c['difference']:+.0f} {limits}".strip(),
-                    f"{c['probability']:.0%} {chances}".strip(),
-                    p,
-                ]
+                difference = f"{c['difference']:+.0f} {limits}".strip()
+                numbers = [difference, f"{c['probability']:.0%} {chances}".strip(), p]
                 words = verdict(c)
-            rows.append([*row(head, source, numbers, with_), words])
-    header = ["Pair", "With a learned body", "Runs of", "Runs (with, without)"]
-    header += ["Difference of means", "Probability of improvement", "p", "With it is"]
+            cells = row(head, source, [f"{len(b)}, {len(a)}", *numbers], with_)
+            rows.append([*cells, words])
     return Table(
         "statistics",
         "Does learning the body help? Pairs of experiments, the paper's runs and ours",
-        header,
-        rows,
-        [
+        header=[
+            *("Pair", "With a learned body", "Runs of", "Runs (with, without)"),
+            *("Difference of means", "Probability of improvement", "p", "With it is"),
+        ],
+        rows=rows,
+        notes=[
             f"Brackets: bootstrap 95 % intervals over runs ({RESAMPLES:,} resamples, percentiles). "
             "Probability of improvement: that a run with a learned body scores above one without, "
             "ties counted half. p: two-sided permutation test of the difference. Where every run "
@@ -153,28 +141,27 @@ def pairs(means: dict[str, dict[str, np.ndarray]], ours: list[scores.Score]) -> 
             "score for a smaller body, so for them the question is what that costs.",
             "The paper's runs are the printed ones of Table 4, rounded to whole points.",
         ],
-        records,
-        ours,
+        records=records,
+        scores=ours,
     )
 
 
-def intervals(means: dict[str, dict[str, np.ndarray]], ours: list[scores.Score]) -> Table:
+def intervals(means: Means, ours: list[scores.Score]) -> Table:
     """The table of intervals of each experiment's mean, and of each run of ours."""
     rows, records = [], []
-    for name, experiment in EXPERIMENTS.items():
-        title = f"({experiment.letter}) {experiment.title}"
-        lines = [(source, "runs", values[name]) for source, values in means.items()]
-        mine = [s for s in scores.usable(ours) if s.agent.experiment is experiment]
+    for name, sources in means.items():
+        lines = [(source, "runs", values) for source, values in sources.items()]
+        mine = [s for s in scores.usable(ours) if s.agent.experiment.name == name]
         lines += [(f"ours, {s.run}", "rollouts", s.returns) for s in mine]
         for source, unit, values in lines:
             count = f"{len(values)} {unit if len(values) != 1 else unit[:-1]}"
             if len(values) == 0:
-                rows.append([title, source, count, "", "", ""])
+                rows.append([scores.title(name), source, count, "", "", ""])
                 continue
             low, high = mean_interval(values)
             middle = np.median(values)
             texts = [count, f"{values.mean():.1f}", interval(low, high), f"{middle:.0f}"]
-            rows.append(row([title], source, texts, name))
+            rows.append(row([scores.title(name)], source, texts, name))
             records.append(
                 {"experiment": name, "source": source, "over": unit, "count": len(values)}
                 | {"mean": values.mean(), "low": low, "high": high, "median": middle}
@@ -182,20 +169,24 @@ def intervals(means: dict[str, dict[str, np.ndarray]], ours: list[scores.Score])
     return Table(
         "intervals",
         "Average scores with 95 % intervals, over runs and over rollouts within a run",
-        ["Experiment", "", "Over", "Mean", "95 % interval", "Median"],
-        rows,
-        [
+        header=["Experiment", "", "Over", "Mean", "95 % interval", "Median"],
+        rows=rows,
+        notes=[
             f"Bootstrap 95 % intervals of the mean ({RESAMPLES:,} resamples, percentiles): over "
             "runs they say how well these runs tell the mean of many such (two or three hardly), "
             "over rollouts how well one agent's score is known."
         ],
-        records,
-        ours,
+        records=records,
+        scores=ours,
     )
 
 
 def tables() -> list[Table]:
     """Both tables."""
-    means = run_means()
-    ours = [s for found in scores.pretrained_scores().values() for s in found]
+    means, ours = {}, []
+    for name in EXPERIMENTS:
+        means[name] = {PAPER: np.array(scores.paper()["table4"][name], dtype=float)}
+        for source, runs in scores.by_source(name).items():
+            means[name][source] = np.array([s.mean for s in scores.usable(runs.values())])
+            ours += runs.values() if source == "ours" else ()
     return [pairs(means, ours), intervals(means, ours)]

@@ -1,15 +1,9 @@
-"""Table 1: the learned ant's body in % of the original, the paper's and ours.
-
-Reads pretrained/ant-morphology/ and paper/paper.toml; with ZOO=path also the author's weights.
-
-    make reproduce-table1
-"""
+"""Table 1: the learned ant's body in % of the original, the paper's and ours."""
 
 import numpy as np
 
-from designrl.bodies.ant import ANT_LEGS, ANT_PARTS
+from designrl.bodies.ant import ANT, ANT_LEGS, ANT_PARTS
 from reproduce import scores
-from reproduce.scores import ANT
 from reproduce.tables import MISSING, PAPER, Table, row
 
 EXPERIMENT = "ant-morphology"
@@ -23,25 +17,19 @@ def percentages(scales: np.ndarray) -> np.ndarray:
     """
 
     def sizes(scales):
-        legs = ANT.dimensions(scales).reshape(len(ANT_LEGS), 9)
+        legs = ANT.design.dimensions(scales).reshape(len(ANT_LEGS), 9)
         lengths = np.hypot(legs[:, 0:6:2], legs[:, 1:6:2])
         return np.stack([lengths, legs[:, 6:]], axis=-1).swapaxes(0, 1)
 
-    return 100 * sizes(scales) / sizes(np.ones(ANT.size))
+    return 100 * sizes(scales) / sizes(np.ones(ANT.design.size))
 
 
 def tables() -> list[Table]:
     """The table."""
     printed = scores.paper()["table1"]
-    found = {
-        f"ours, {s.run}": s
-        for s in (scores.load_design(path, EXPERIMENT) for path in scores.pretrained(EXPERIMENT))
-    }
-    if scores.zoo():
-        path = scores.authors_runs(EXPERIMENT)[1]
-        found["author's weights"] = scores.load_design(path, EXPERIMENT)
+    found = scores.by_label(EXPERIMENT, scores.load_design)
     bodies = {PAPER: np.array([printed[part] for part in ANT_PARTS], dtype=float)}
-    bodies |= {name: percentages(s.agent.design) for name, s in found.items() if s.agent}
+    bodies |= {label: percentages(s.agent.design) for label, s in found.items() if s.agent}
 
     rows, records = [], []
     for i, part in enumerate(ANT_PARTS):
@@ -56,19 +44,17 @@ def tables() -> list[Table]:
         if len(bodies) == 1:
             rows.append(row([part.capitalize()], "ours", [MISSING, *[""] * 7], EXPERIMENT))
     names = [leg.title().replace("Front", "Top").replace("Back", "Bottom") for leg in ANT_LEGS]
-    return [
-        Table(
-            "table1",
-            "Table 1: the learned ant's body in % of the original, paper and ours",
-            ["", "", *["Length", "Radius"] * 4],
-            rows,
-            [
-                "Length of a part: √(dx² + dy²). The paper's Top Left to Bottom Right are the "
-                "design's front left, front right, back left and back right leg; its table is of "
-                "run 1."
-            ],
-            records,
-            list(found.values()),
-            [("", 1), ("", 1), *((name, 2) for name in names)],
-        )
-    ]
+    table = Table(
+        "table1",
+        "Table 1: the learned ant's body in % of the original, paper and ours",
+        header=["", "", *["Length", "Radius"] * 4],
+        rows=rows,
+        notes=[
+            "Length of a part: √(dx² + dy²). The paper's Top Left to Bottom Right are the design's "
+            "front left, front right, back left and back right leg; its table is of run 1."
+        ],
+        records=records,
+        scores=list(found.values()),
+        groups=[("", 1), ("", 1), *((name, 2) for name in names)],
+    )
+    return [table]

@@ -1,16 +1,10 @@
-"""Table 2: the walkers' scores, leg areas and leg dimensions, the paper's and ours.
-
-Reads pretrained/ and paper/paper.toml; with ZOO=path also the author's weights.
-
-    make reproduce-table2
-"""
+"""Table 2: the walkers' scores, leg areas and leg dimensions, the paper's and ours."""
 
 import numpy as np
 
-from designrl.bodies.walker import leg_area
+from designrl.bodies.walker import WALKER, leg_area
 from designrl.experiments import EXPERIMENTS
 from reproduce import scores
-from reproduce.scores import WALKER
 from reproduce.tables import MISSING, PAPER, Table, mean_and_std, row
 
 ENVIRONMENTS = {  # ours -> as the paper names it
@@ -31,52 +25,52 @@ def place(name: str) -> list[str]:
 
 def legs(scales: np.ndarray) -> tuple[float, np.ndarray]:
     """Leg area in % of the original and (8,) widths and heights in 1/30 m, of (8,) scales."""
-    area = 100 * float(leg_area(scales) / leg_area(np.ones(WALKER.size)))
-    return area, WALKER.dimensions(scales)
+    area = 100 * float(leg_area(scales) / leg_area(np.ones(WALKER.design.size)))
+    return area, WALKER.design.dimensions(scales)
 
 
 def tables() -> list[Table]:
     """The table."""
     printed = scores.paper()["table2"]
-    ours, authors = scores.pretrained_scores(WALKERS), scores.authors_scores(WALKERS)
     rows, records, used = [], [], []
 
     def add(name: str, source: str, mean, std, area, sizes, sha256="") -> None:
+        environment, body = place(name)
         texts = [mean_and_std(mean, std), f"{area:.0f}%", *(f"{size:.1f}" for size in sizes)]
-        rows.append(row(place(name), source, texts, name))
-        head = zip(("environment", "body", "source"), [*place(name), source], strict=True)
-        values = {"mean": mean, "std": std, "leg_area": area}
-        values |= dict(zip(WALKER.names, sizes, strict=True))
-        records.append(dict(head) | values | {"sha256": sha256})
+        rows.append(row([environment, body], source, texts, name))
+        records.append(
+            {"environment": environment, "body": body, "source": source}
+            | {"mean": mean, "std": std, "leg_area": area}
+            | dict(zip(WALKER.design.names, sizes, strict=True))
+            | {"sha256": sha256}
+        )
 
     for i, name in enumerate(WALKERS):
         rows += [None] if i == 3 else []
         p = printed[name]
         add(name, PAPER, *p["score"], p["leg_area"], p["dimensions"])
-        found = [(f"ours, {s.run}", s) for s in ours[name]]
-        found += [("author's weights", s) for run, s in authors[name].items() if run == 1]
-        used += [s for _, s in found]
-        if not ours[name]:
+        if not scores.pretrained(name):
             rows.append(row(place(name), "ours", [MISSING, *[""] * 9], name))
-        for source, s in found:
+        found = scores.by_label(name)
+        used += found.values()
+        for source, s in found.items():
             if s.problem:
                 rows.append([*place(name), source, f"not used: {s.problem}", *[""] * 9])
             else:
                 add(name, source, s.mean, s.std, *legs(s.agent.scales), s.sha256)
     parts = [f"{part} leg {leg}" for leg in (1, 2) for part in ("Top", "Bottom")]
-    return [
-        Table(
-            "table2",
-            "Table 2: bipedal walkers, paper and ours",
-            ["Environment", "Body", "", "Avg. score", "leg area", *["w", "h"] * 4],
-            rows,
-            [
-                "Mean ± standard deviation of the score over 100 rollouts; leg area in % of the "
-                "original; widths w and heights h in 1/30 m (the paper's scaled Box2D dimensions). "
-                "The paper's rows are its run 1."
-            ],
-            records,
-            used,
-            [*[("", 1)] * 5, *((part, 2) for part in parts)],
-        )
-    ]
+    table = Table(
+        "table2",
+        "Table 2: bipedal walkers, paper and ours",
+        header=["Environment", "Body", "", "Avg. score", "leg area", *["w", "h"] * 4],
+        rows=rows,
+        notes=[
+            "Mean ± standard deviation of the score over 100 rollouts; leg area in % of the "
+            "original; widths w and heights h in 1/30 m (the paper's scaled Box2D dimensions). "
+            "The paper's rows are its run 1."
+        ],
+        records=records,
+        scores=used,
+        groups=[*[("", 1)] * 5, *((part, 2) for part in parts)],
+    )
+    return [table]

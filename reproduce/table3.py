@@ -1,26 +1,18 @@
-"""Table 3: every experiment's average score, the paper's runs and ours.
-
-Reads pretrained/ and paper/paper.toml; with ZOO=path also the author's weights.
-
-    make reproduce-table3
-    make reproduce-table3 ZOO=path/to/the/2018/zoo
-"""
+"""Table 3: every experiment's average score, the paper's runs and ours."""
 
 import numpy as np
 
 from designrl.experiments import EXPERIMENTS
 from reproduce import scores
-from reproduce.scores import Score, usable
+from reproduce.scores import usable
 from reproduce.tables import MISSING, PAPER, Cell, Table
 
 READS = tuple(EXPERIMENTS)
 
 
-def in_words(name: str, means: list[float]) -> str:
+def in_words(name: str, mean: float) -> str:
     """How the mean of our runs of an experiment lies to the paper's runs."""
-    printed = scores.paper()
-    paper_mean, runs = printed["table3"][name][0], printed["table4"][name]
-    mean = float(np.mean(means))
+    paper_mean, runs = scores.paper()["table3"][name][0], scores.paper()["table4"][name]
     difference = mean - paper_mean
     size = f"{abs(difference):.0f} ({abs(difference) / paper_mean:.1%})"
     words = f"{size} {'above' if difference > 0 else 'below'} the paper's mean"
@@ -45,63 +37,60 @@ def over_runs(means: list[float], stds: list[float]) -> str:
     return f"{np.mean(means):.0f} ± {std_over_runs(means):.1f}"
 
 
-def _summary(found: list[Score]) -> str:
-    return over_runs([s.mean for s in found], [s.std for s in found])
-
-
 def tables() -> list[Table]:
     """The table."""
     printed = scores.paper()
-    ours, authors = scores.pretrained_scores(), scores.authors_scores()
     header = ["", "Experiment", "Paper (10 runs)", "Ours", "Our runs", "Ours is"]
     if scores.zoo():
         header += ["Author's weights, here", "of runs (the paper's mean of these)"]
-    rows, records = [], []
+    rows, records, used = [], [], []
     for name, experiment in EXPERIMENTS.items():
         rows += [None] if experiment.letter in "cf" else []
+        found = scores.by_source(name)
+        used += [s for runs in found.values() for s in runs.values()]
+        ours = found["ours"].values()
+        means, stds = [s.mean for s in usable(ours)], [s.std for s in usable(ours)]
+        value, words = "-", "no usable checkpoint" if ours else MISSING
+        if means:
+            value, words = Cell(over_runs(means, stds), name), in_words(name, np.mean(means))
+        words += "".join(f"; not used: {s.problem}" for s in ours if s.problem)
         paper_mean, paper_std = printed["table3"][name]
-        good = usable(ours[name])
-        means = [s.mean for s in good]
-        value, words = "-", "no usable checkpoint" if ours[name] else MISSING
-        if good:
-            value, words = Cell(_summary(good), name), in_words(name, means)
-        words += "".join(f"; not used: {s.problem}" for s in ours[name] if s.problem)
         cells = [f"({experiment.letter})", experiment.title]
-        cells += [Cell(f"{paper_mean} ± {paper_std}", PAPER), value, str(len(good)), words]
+        cells += [Cell(f"{paper_mean} ± {paper_std}", PAPER), value, str(len(means)), words]
         record = {
             "experiment": name,
             "paper_mean": paper_mean,
             "paper_std_over_runs": paper_std,
-            "our_mean": np.mean(means) if good else "",
-            "our_std_over_runs": std_over_runs(means) if len(good) > 1 else "",
-            "our_runs": len(good),
-            "our_means": " ".join(f"{m:.4f}" for m in means),
-            "our_stds_over_rollouts": " ".join(f"{s.std:.4f}" for s in good),
-            "checkpoints": " ".join(s.sha256 for s in good),
+            "our_mean": np.mean(means) if means else "",
+            "our_std_over_runs": std_over_runs(means) if len(means) > 1 else "",
+            "our_runs": len(means),
+            "our_means": " ".join(f"{mean:.4f}" for mean in means),
+            "our_stds_over_rollouts": " ".join(f"{std:.4f}" for std in stds),
+            "checkpoints": " ".join(s.sha256 for s in usable(ours)),
         }
         if scores.zoo():
-            theirs = {run: s for run, s in authors[name].items() if not s.problem}
-            if theirs:
-                same = np.mean([printed["table4"][name][run - 1] for run in theirs])
-                runs = ", ".join(map(str, theirs))
-                cells += [_summary(list(theirs.values())), f"{runs} ({same:.0f})"]
+            theirs = found["author's weights"]
+            good = {run: s for run, s in theirs.items() if not s.problem}
+            means, stds = [s.mean for s in good.values()], [s.std for s in good.values()]
+            if good:
+                same = np.mean([printed["table4"][name][run - 1] for run in good])
+                cells += [over_runs(means, stds), f"{', '.join(map(str, good))} ({same:.0f})"]
             else:
-                cells += [authors[name][1].problem, ""]
-            record["author_means"] = " ".join(f"{s.mean:.4f}" for s in theirs.values())
-            record["author_runs"] = " ".join(map(str, theirs))
+                cells += [theirs[1].problem, ""]
+            record["author_means"] = " ".join(f"{mean:.4f}" for mean in means)
+            record["author_runs"] = " ".join(map(str, good))
         rows.append(cells)
         records.append(record)
-    return [
-        Table(
-            "table3",
-            "Table 3: average scores of independent runs, paper and ours",
-            header,
-            rows,
-            [
-                "Mean ± sample standard deviation over runs of the average score of 100 rollouts. "
-                "*: one run; the standard deviation is over its rollouts."
-            ],
-            records,
-            [s for name in EXPERIMENTS for s in (*ours[name], *authors[name].values())],
-        )
-    ]
+    table = Table(
+        "table3",
+        "Table 3: average scores of independent runs, paper and ours",
+        header=header,
+        rows=rows,
+        notes=[
+            "Mean ± sample standard deviation over runs of the average score of 100 rollouts. "
+            "*: one run; the standard deviation is over its rollouts."
+        ],
+        records=records,
+        scores=used,
+    )
+    return [table]

@@ -91,15 +91,6 @@ class Table:
         lines += [r"\midrule" if row is None else line(row) for row in self.rows]
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
-    def csv(self) -> str:
-        """The records."""
-        text = io.StringIO()
-        columns = dict.fromkeys(key for record in self.records for key in record)
-        writer = csv.DictWriter(text, fieldnames=list(columns), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self.records)
-        return text.getvalue()
-
     def origins(self) -> list[str]:
         """How its scores were made, and the checkpoints, with those that cannot be used."""
         lines = []
@@ -111,13 +102,14 @@ class Table:
             score = "" if s.returns is None else f", {s.mean:.1f} ± {s.std:.1f}"
             trained = f", {steps:,} training steps" if steps else ""
             lines.append(f"- `{scores.shown(s.path)}`, sha256 `{s.sha256[:16]}`{score}{trained}")
-        scored = [scoring_note()] if any(s.returns is not None for s in self.scores) else []
-        return [*scored, "Checkpoints:\n\n" + "\n".join(lines)] if lines else []
+        scored = any(s.returns is not None for s in self.scores)
+        note = [scores.scoring_note()] if scored else []
+        return [*note, "Checkpoints:\n\n" + "\n".join(lines)] if lines else []
 
     def write(self) -> list[Path]:
         """Write NAME.md, .tex and .csv to the tables' folder; returns their paths."""
         text = "\n\n".join([f"# {self.title}", self.markdown(), *self.notes, *self.origins()])
-        contents = {"md": text + "\n", "tex": self.latex(), "csv": self.csv()}
+        contents = {"md": text + "\n", "tex": self.latex(), "csv": as_csv(self.records)}
         paths = [scores.output_folder() / "tables" / f"{self.name}.{kind}" for kind in contents]
         for path, content in zip(paths, contents.values(), strict=True):
             write_atomically(path, content.encode())
@@ -129,10 +121,11 @@ def mean_and_std(mean: float, std: float) -> str:
     return f"{mean:.0f} ± {std:.1f}" if std < 10 else f"{mean:.0f} ± {std:.0f}"
 
 
-def scoring_note() -> str:
-    """How scores were made, with versions."""
-    used = ", ".join(f"{name} {version}" for name, version in scores.used_versions().items())
-    return (
-        f"Scored on the reference environments, {scores.EPISODES} episodes, evaluation seed "
-        f"{scores.SEED}; {used}."
-    )
+def as_csv(records: Iterable[dict]) -> str:
+    """Records as CSV; its columns are their keys."""
+    text = io.StringIO()
+    columns = dict.fromkeys(key for record in records for key in record)
+    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    return text.getvalue()
