@@ -86,8 +86,6 @@ class AntBody(Body):
     )
     contact_names = _FEET
     time_step = 0.0165
-    # Far enough for the longest legs, stretched.
-    rollout_eye = ((-2.5, -4.5, 2.2), (0.1, 0, -0.1))
     limbs = {leg: list(range(9 * i, 9 * i + 9)) for i, leg in enumerate(ANT_LEGS)}
 
     def urdf(self, scales: np.ndarray, caption: str = "") -> str:
@@ -150,7 +148,7 @@ def leg_capsules(scales: np.ndarray) -> list[LegPart]:
     for leg, axis, sign, (*ends, top, middle, bottom) in zip(
         ANT_LEGS, _ANKLE_AXES, _ANKLE_SIGNS, legs, strict=True
     ):
-        ankle = (ANKLE_RANGE[0], ANKLE_RANGE[1]) if sign > 0 else (-ANKLE_RANGE[1], -ANKLE_RANGE[0])
+        ankle = ANKLE_RANGE if sign > 0 else (-ANKLE_RANGE[1], -ANKLE_RANGE[0])
         origin, parent = (0.0, 0.0, 0.0), "torso"
         for i, (radius, joint, joint_axis, limits) in enumerate(
             (
