@@ -128,22 +128,15 @@ def test_urdf_angles_become_the_right_rotation():
     assert np.allclose(rotate(q, np.array([0, 0, 1.0])), [np.sqrt(0.5), np.sqrt(0.5), 0])
 
 
-def test_a_recording_that_was_cut_is_replayed(folder, tmp_path, capsys):
-    data = (folder / "generations.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * 0.9)])
-    assert not read(tmp_path / "cut.mcap").complete
-    viewer.replay([tmp_path / "cut.mcap"], save=tmp_path / "cut.rrd")
-    assert "/cut/figure/mean/hull" in logged(tmp_path / "cut.rrd")
-    assert f"{tmp_path / 'cut.mcap'} is not whole" in capsys.readouterr().err
-
-
-def test_a_folder_is_replayed_without_its_torn_file(folder, tmp_path, capsys):
+def test_a_cut_recording_is_replayed_and_a_folder_without_its_torn_file(folder, tmp_path, capsys):
     run = tmp_path / "run"
     shutil.copytree(folder, run)
-    torn = run / "rollouts" / "generation00005.mcap"
+    cut, torn = run / "generations.mcap", run / "rollouts" / "generation00005.mcap"
+    os.truncate(cut, int(cut.stat().st_size * 0.9))
     torn.write_bytes(b"torn")
     viewer.replay([run], save=tmp_path / "run.rrd")
-    assert f"not shown: {torn}" in capsys.readouterr().err
+    errors = capsys.readouterr().err
+    assert f"{cut} is not whole" in errors and f"not shown: {torn}" in errors
     assert "/generations/figure/mean/hull" in logged(tmp_path / "run.rrd")
     with pytest.raises(InputError, match="generation00005"):
         viewer.replay([run, torn], save=tmp_path / "both.rrd")

@@ -14,8 +14,7 @@ from designrl.design import DesignSpace
 ANT_LEGS = ("front left", "front right", "back left", "back right")
 ANT_PARTS = ("top", "middle", "bottom")  # of a leg
 _DIRECTIONS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
-_LENGTHS = (0.2, 0.2, 0.4)  # |dx| = |dy| of the three parts, m
-_RADIUS = 0.08  # m
+_LEG = (*(0.2, 0.2), *(0.2, 0.2), *(0.4, 0.4), 0.08, 0.08, 0.08)  # m, signs left out
 
 TORSO_RADIUS = 0.25  # m
 TORSO_HEIGHT = 0.75  # m, of its centre at the start
@@ -51,16 +50,7 @@ class AntBody(Body):
                 *(f"{leg} {part} radius" for part in ANT_PARTS),
             )
         ),
-        originals=np.array(
-            [
-                value
-                for sx, sy in _DIRECTIONS
-                for value in (
-                    *(sign * length for length in _LENGTHS for sign in (sx, sy)),
-                    *(_RADIUS,) * len(ANT_PARTS),
-                )
-            ]
-        ),
+        originals=np.concatenate([np.multiply(_LEG, [x, y] * 3 + [1] * 3) for x, y in _DIRECTIONS]),
         unit="m",
     )
     tree = {

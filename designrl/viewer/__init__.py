@@ -46,10 +46,9 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
     recordings = _read_usable(paths)
     names = unique_names([recording.path for recording in recordings])
     layout = blueprint(recordings, names)
-    if not targets:
-        _require_display()
     stream = rr.RecordingStream("designrl")
     if not targets:
+        _require_display()
         # Where the environment is not activated, Rerun would not find its own viewer.
         os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
         try:

@@ -20,19 +20,19 @@ def measure(benchmark):
         steps = run()
         return steps / (time.perf_counter() - start)
 
-    def measure(subject, reference, ratio_name: str, rounds: int = 7) -> float:
+    def measure(subject, reference) -> float:
         rates, reference_rates = [], []
         benchmark.pedantic(
             lambda: rates.append(rate(subject)),
             setup=lambda: reference_rates.append(rate(reference)),
-            rounds=rounds,
+            rounds=7,
             warmup_rounds=1,
         )
         ratios = [a / b for a, b in zip(rates[1:], reference_rates[1:], strict=True)]
         benchmark.extra_info["steps_per_second"] = round(statistics.median(rates[1:]))
         benchmark.extra_info["of_the_reference"] = round(statistics.median(reference_rates[1:]))
-        benchmark.extra_info[ratio_name] = round(statistics.median(ratios), 3)
-        return benchmark.extra_info[ratio_name]
+        benchmark.extra_info["ratio"] = round(statistics.median(ratios), 3)
+        return benchmark.extra_info["ratio"]
 
     return measure
 

@@ -11,6 +11,7 @@ import os
 import gymnasium
 import numpy as np
 import pytest
+from test_environment_speed import RandomActions
 
 from designrl import engine
 from designrl.envs import engine_task
@@ -19,7 +20,6 @@ from designrl.policy import Agent
 from designrl.simulation import run_episode
 
 REASON = engine.missing_reason()
-BESIDE = {"ratio_name": "ratio_to_reference", "rounds": 5}
 CANDIDATES, ROLLOUTS = 192, 2  # the paper's population
 WEIGHT_STD = 0.3
 EXPERIMENT = get_experiment("biped-hardcore")
@@ -67,22 +67,6 @@ class Engine:
         return int(engine.rollout(**self.batch)[1].sum())
 
 
-class Gymnasium:
-    """Gymnasium's own walker under random actions."""
-
-    def __init__(self):
-        self.env = gymnasium.make("BipedalWalkerHardcore-v3")
-        self.env.reset(seed=0)
-        self.actions = np.random.default_rng(0).uniform(-1, 1, (REFERENCE_STEPS, 4))
-
-    def __call__(self) -> int:
-        for action in self.actions:
-            *_, terminated, truncated, _ = self.env.step(action)
-            if terminated or truncated:
-                self.env.reset()
-        return len(self.actions)
-
-
 class EnvPool:
     """EnvPool's C++ walker under random actions, in one thread."""
 
@@ -111,29 +95,29 @@ def reference():
 
 @GROUP
 def test_gymnasium_random_actions(measure, reference):
-    measure(Gymnasium(), reference, **BESIDE)
+    measure(RandomActions("BipedalWalkerHardcore-v3"), reference)
 
 
 @GROUP
 def test_envpool_random_actions_one_thread(measure, reference):
-    measure(EnvPool(), reference, **BESIDE)
+    measure(EnvPool(), reference)
 
 
 @GROUP
 def test_reference(measure, reference):
-    measure(Reference(), reference, **BESIDE)
+    measure(Reference(), reference)
 
 
 @GROUP
 @pytest.mark.skipif(REASON is not None, reason=str(REASON))
 def test_engine_one_thread(benchmark, measure, reference):
-    measure(Engine(threads=1), reference, **BESIDE)
+    measure(Engine(threads=1), reference)
     benchmark.extra_info["instruction_set"] = engine.instruction_set()
 
 
 @GROUP
 @pytest.mark.skipif(REASON is not None, reason=str(REASON))
 def test_engine_all_cores(benchmark, measure, reference):
-    measure(Engine(threads=None), reference, **BESIDE)
+    measure(Engine(threads=None), reference)
     benchmark.extra_info["cores"] = len(os.sched_getaffinity(0))
     benchmark.extra_info["instruction_set"] = engine.instruction_set()
