@@ -2,18 +2,17 @@ import gc
 import json
 import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
 import pybullet
 import pytest
-from test_envs import trajectory
 
 import designrl  # noqa: F401
 from designrl.bodies import rotate
-from designrl.bodies.ant import ANT, leg_capsules, mjcf
+from designrl.bodies.ant import ANT, leg_capsules
 from designrl.envs import ant
 from designrl.envs.ant import REWARD_TERMS, Ant
 from designrl.simulation import Simulator
@@ -32,22 +31,6 @@ def test_importing_and_connecting_prints_nothing():
     assert (done.stdout, done.stderr) == ("", "")
 
 
-def test_looking_at_it_changes_nothing():
-    seen = gymnasium.make(ID, design=MIXED, render_mode="rgb_array").unwrapped
-    rng = np.random.default_rng(1)
-    seen.reset(seed=1)
-    for step in range(150):
-        if step % 15 == 0:
-            seen.render()
-        seen.body_poses()
-        last, _, terminated, _, _ = seen.step(rng.uniform(-1, 1, 8))
-        if terminated:
-            break
-    unseen = trajectory(gymnasium.make(ID, design=MIXED), 1)
-    assert len(unseen) == step + 2
-    np.testing.assert_array_equal(last, unseen[-1, :-1].astype(np.float32))
-
-
 def test_an_ant_that_is_gone_leaves_no_world_behind():
     env = gymnasium.make(ID)
     env.reset(seed=0)
@@ -63,19 +46,14 @@ def test_no_room_for_another_world_is_said(monkeypatch):
         Ant().reset()
 
 
-def test_no_room_for_the_bodys_file_is_said(monkeypatch, tmp_path):
-    monkeypatch.setattr(ant.tempfile, "tempdir", str(tmp_path / "missing"))
-    env = Ant()
+def test_no_room_for_the_bodys_file_is_said_and_none_is_left(monkeypatch, tmp_path):
+    folder, env = tmp_path / "folder", Ant()
+    monkeypatch.setattr(ant.tempfile, "tempdir", str(folder))
     with pytest.raises(ValueError, match="TMPDIR"):
         env.reset()
-    monkeypatch.undo()
-    env.reset()  # and it is of use again
-
-
-def test_reset_leaves_no_file(monkeypatch, tmp_path):
-    monkeypatch.setattr(ant.tempfile, "tempdir", str(tmp_path))
-    Ant().reset()
-    assert not list(tmp_path.iterdir())
+    folder.mkdir()
+    env.reset()  # it is of use again
+    assert not list(folder.iterdir())
 
 
 @pytest.mark.parametrize("design", [np.ones(ANT.design.size), LONG_LEGS, MIXED])
@@ -85,15 +63,14 @@ def test_the_body_has_the_dimensions_of_the_design(design):
     client = {"physicsClientId": env._client}
     parts = leg_capsules(design)
     assert [part.name for part in parts] == list(ANT.tree)[1:]
-    lengths = np.hypot(*ANT.design.dimensions(design).reshape(4, 9)[:, :6].reshape(-1, 2).T)
-    radii = ANT.design.dimensions(design).reshape(4, 9)[:, 6:].ravel()
+    legs = ANT.design.dimensions(design).reshape(4, 9)
+    ends, radii = legs[:, :6].reshape(-1, 2), legs[:, 6:].ravel()
     torso = pybullet.getDynamicsInfo(env._ant, -1, **client)
     assert torso[0] == pytest.approx(1000 * 4 / 3 * np.pi * 0.25**3)
-    for part, link, length, radius in zip(parts, env._parts, lengths, radii, strict=True):
-        assert np.linalg.norm(part.end) == pytest.approx(length)
-        assert part.radius == pytest.approx(radius)
+    for part, link, end, radius in zip(parts, env._parts, ends, radii, strict=True):
+        assert part.end == (*end, 0) and part.radius == radius
         info = pybullet.getDynamicsInfo(env._ant, link, **client)
-        volume = np.pi * radius**2 * length + 4 / 3 * np.pi * radius**3
+        volume = np.pi * radius**2 * np.hypot(*end) + 4 / 3 * np.pi * radius**3
         assert info[0] == pytest.approx(1000 * volume, rel=1e-6)
         np.testing.assert_allclose(info[3], np.array(part.end) / 2, atol=1e-7)  # centre of mass
         assert (info[1], info[5]) == (1.5, 0.5)  # friction, restitution
@@ -102,20 +79,6 @@ def test_the_body_has_the_dimensions_of_the_design(design):
     np.testing.assert_allclose(limits[0::2], np.radians([[-40, 40]] * 4), atol=1e-6)
     np.testing.assert_allclose(np.abs(limits[1::2]).min(axis=1), np.radians(30), atol=1e-6)
     np.testing.assert_allclose(np.abs(limits[1::2]).max(axis=1), np.radians(100), atol=1e-6)
-
-
-def test_the_original_body_is_that_of_the_mujoco_file():
-    bodies = {body.get("name"): body for body in ElementTree.fromstring(mjcf(np.ones(36))).iter()}
-    for (sx, sy), leg in zip(
-        ((1, 1), (-1, 1), (-1, -1), (1, -1)),
-        ("front left", "front right", "back left", "back right"),
-        strict=True,
-    ):
-        for part, end in (("top", 0.2), ("middle", 0.2), ("bottom", 0.4)):
-            geom = bodies[f"{leg} {part}"].find("geom")
-            ends = [float(value) for value in geom.get("fromto").split()]
-            assert ends == pytest.approx([0, 0, 0, sx * end, sy * end, 0])
-            assert float(geom.get("size")) == 0.08
 
 
 def test_poses_put_the_parts_of_a_leg_end_to_end():
@@ -140,28 +103,14 @@ def test_poses_put_the_parts_of_a_leg_end_to_end():
             )
 
 
-def test_the_progress_is_that_of_the_mean_of_all_links():
-    env = Ant(design=MIXED)
-    rng = np.random.default_rng(0)
-    env.reset(seed=0)
-    distances = []
-    for _ in range(60):
-        *_, info = env.step(rng.uniform(-1, 1, 8))
-        links = pybullet.getLinkStates(env._ant, range(20), physicsClientId=env._client)
-        x, y, _ = np.mean([link[0] for link in links], axis=0)
-        distances.append(np.hypot(1000 - x, y))
-    progress = info["reward_terms"]["progress"]
-    assert progress == pytest.approx((distances[-2] - distances[-1]) / 0.0165, abs=1e-6)
-
-
 def test_reward_terms_add_up_to_the_reward_and_are_what_the_observation_shows():
-    env = gymnasium.make(ID, design=LONG_LEGS)
+    env = gymnasium.make(ID, design=MIXED)
     rng = np.random.default_rng(0)
     env.reset(seed=0)
-    seen = []
-    for _ in range(300):
+    seen, terminated, truncated = [], False, False
+    while not (terminated or truncated):
         action = rng.uniform(-1.5, 1.5, 8)
-        observation, reward, terminated, _, info = env.step(action)
+        observation, reward, terminated, truncated, info = env.step(action)
         terms = info["reward_terms"]
         assert tuple(terms) == REWARD_TERMS
         assert sum(terms.values()) == reward
@@ -175,8 +124,7 @@ def test_reward_terms_add_up_to_the_reward_and_are_what_the_observation_shows():
         assert terms["foot_collision"] == 0
         np.testing.assert_array_equal(np.clip(250 * action, -250, 250), env.unwrapped.torques)
         seen.append(observation)
-        if terminated:
-            break
+    assert terminated  # it fell
     seen = np.array(seen)
     assert len(ANT.observations) == seen.shape[1] == 28
     assert set(np.unique(seen[:, -len(ANT.contact_names) :])) == {0.0, 1.0}
@@ -194,30 +142,6 @@ def test_feet_are_seen_to_touch_one_step_later():
     assert sum(before) == 4  # without torque it sinks down on all fours
 
 
-def test_an_ant_that_falls_is_done():
-    env = Ant()
-    env.reset(seed=0)
-    pybullet.resetBasePositionAndOrientation(
-        env._ant, (0, 0, 0.75), (1, 0, 0, 0), physicsClientId=env._client
-    )  # on its back: the legs give way
-    for _ in range(200):
-        _, _, terminated, _, info = env.step(np.zeros(8))
-        if terminated:
-            break
-    assert terminated
-    assert info["reward_terms"]["alive"] == -1
-
-
-def test_an_episode_is_truncated_after_1000_steps():
-    env = gymnasium.make(ID)
-    observation, _ = env.reset(seed=0)
-    for step in range(1, 1001):  # it stands, every joint held in the middle of its range
-        hold = -observation[8:24:2] - observation[9:24:2]
-        observation, _, terminated, truncated, _ = env.step(hold)
-        assert not terminated
-        assert truncated == (step == 1000)
-
-
 def test_rgb_array_shows_the_whole_body_on_a_pattern_that_passes_by():
     env = gymnasium.make(ID, design=LONG_LEGS, render_mode="rgb_array").unwrapped
     env.reset(seed=0)
@@ -225,12 +149,7 @@ def test_rgb_array_shows_the_whole_body_on_a_pattern_that_passes_by():
     assert picture.shape == (480, 640, 3)
     assert picture.dtype == np.uint8
     body = picture[:, :, 0].astype(int) - picture[:, :, 2] > 40  # the legs are amber
-    assert body.sum() > 1000
-    rows, columns = np.nonzero(body)
-    assert rows.min() > 20
-    assert rows.max() < 460
-    assert columns.min() > 20
-    assert columns.max() < 620
+    assert body.sum() == body[21:460, 21:620].sum() > 1000
     pybullet.resetBasePositionAndOrientation(
         env._ant, (50.5, 0, 0.75), (0, 0, 0, 1), physicsClientId=env._client
     )
@@ -244,16 +163,6 @@ def test_an_unknown_render_mode_is_refused():
         Ant(render_mode="human")
 
 
-class Angles:
-    """Stands in for the environment's random numbers: the angles at the start."""
-
-    def __init__(self, angles):
-        self.angles = np.array(angles)
-
-    def uniform(self, low, high, size):
-        return self.angles
-
-
 def test_the_first_steps_are_those_of_roboschool():
     # Made by tests/data/make_roboschool_ant.py, on bodies original, thin and of mixed sizes; each
     # episode has feet that touch the ground, one at a time.
@@ -261,7 +170,8 @@ def test_the_first_steps_are_those_of_roboschool():
     worst = []
     for episode in json.loads(path.read_text()):
         env = Ant(design=episode["scales"])
-        env._np_random = Angles(episode["angles"])
+        start = np.array(episode["angles"])
+        env._np_random = SimpleNamespace(uniform=lambda low, high, size, start=start: start)
         observations, rewards = [env.reset()[0]], []
         for action in episode["actions"]:
             observation, reward, *_ = env.step(action)

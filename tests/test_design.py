@@ -32,8 +32,10 @@ def test_original_walker_is_table_2s_first_row():
 
 def test_ant_has_3_parts_of_3_numbers_on_4_legs():
     assert ANT.design.size == 36
-    legs = ANT.design.originals.reshape(4, 9).tolist()
-    assert legs[1] == [-0.2, 0.2] * 2 + [-0.4, 0.4] + [0.08] * 3
+    legs = ANT.design.originals.reshape(4, 9)
+    for leg, (x, y) in zip(legs, ((1, 1), (-1, 1), (-1, -1), (1, -1)), strict=True):
+        np.testing.assert_array_equal(leg[:6], [0.2 * x, 0.2 * y] * 2 + [0.4 * x, 0.4 * y])
+        assert (leg[6:] == 0.08).all()
     assert ANT.design.names[9] == "front right top dx"
 
 

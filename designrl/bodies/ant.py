@@ -14,8 +14,7 @@ from designrl.design import DesignSpace
 ANT_LEGS = ("front left", "front right", "back left", "back right")
 ANT_PARTS = ("top", "middle", "bottom")  # of a leg
 _DIRECTIONS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
-_LENGTHS = (0.2, 0.2, 0.4)  # |dx| = |dy| of the three parts, m
-_RADIUS = 0.08  # m
+_LEG = (*(0.2, 0.2), *(0.2, 0.2), *(0.4, 0.4), 0.08, 0.08, 0.08)  # m, signs left out
 
 TORSO_RADIUS = 0.25  # m
 TORSO_HEIGHT = 0.75  # m, of its centre at the start
@@ -51,16 +50,7 @@ class AntBody(Body):
                 *(f"{leg} {part} radius" for part in ANT_PARTS),
             )
         ),
-        originals=np.array(
-            [
-                value
-                for sx, sy in _DIRECTIONS
-                for value in (
-                    *(sign * length for length in _LENGTHS for sign in (sx, sy)),
-                    *(_RADIUS,) * len(ANT_PARTS),
-                )
-            ]
-        ),
+        originals=np.concatenate([np.multiply(_LEG, [x, y] * 3 + [1] * 3) for x, y in _DIRECTIONS]),
         unit="m",
     )
     tree = {
@@ -86,8 +76,6 @@ class AntBody(Body):
     )
     contact_names = _FEET
     time_step = 0.0165
-    # Far enough for the longest legs, stretched.
-    rollout_eye = ((-2.5, -4.5, 2.2), (0.1, 0, -0.1))
     limbs = {leg: list(range(9 * i, 9 * i + 9)) for i, leg in enumerate(ANT_LEGS)}
 
     def urdf(self, scales: np.ndarray, caption: str = "") -> str:
@@ -150,7 +138,7 @@ def leg_capsules(scales: np.ndarray) -> list[LegPart]:
     for leg, axis, sign, (*ends, top, middle, bottom) in zip(
         ANT_LEGS, _ANKLE_AXES, _ANKLE_SIGNS, legs, strict=True
     ):
-        ankle = (ANKLE_RANGE[0], ANKLE_RANGE[1]) if sign > 0 else (-ANKLE_RANGE[1], -ANKLE_RANGE[0])
+        ankle = ANKLE_RANGE if sign > 0 else (-ANKLE_RANGE[1], -ANKLE_RANGE[0])
         origin, parent = (0.0, 0.0, 0.0), "torso"
         for i, (radius, joint, joint_axis, limits) in enumerate(
             (

@@ -111,10 +111,7 @@ class WalkerBody(Body):
         return np.array([[ray.p1, ray.p2] for ray in env.lidar])
 
     def terrain(self, env) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) x and z of the ground's profile; (m, 4) x_min, x_max, z_min, z_max of obstacles.
-
-        Pits are dips in the profile between two obstacles that are their walls.
-        """
+        """Pits are dips in the profile between two obstacles that are their walls."""
         profile = np.stack([env.terrain_x, env.terrain_y], axis=1)
         shapes = [np.array(body.fixtures[0].shape.vertices) for body in env.terrain]
         boxes = [(*c.min(axis=0), *c.max(axis=0)) for c in shapes if len(c) > 2]

@@ -9,14 +9,10 @@ from designrl.bodies.walker import is_closest_lidar, leg_area_reward_factor
 from designrl.engine import Task
 
 
-def _ones(scales: np.ndarray) -> np.ndarray:
-    return np.ones(len(scales))
-
-
 def _walker_task(hardcore: bool, steps: int, lidar: str = "v2", leg_area_reward: bool = False):
     flags = {"hardcore": hardcore, "closest_hits": is_closest_lidar(lidar)}
     task = Task("walker", tuple(name for name, on in flags.items() if on), steps)
-    return task, leg_area_reward_factor if leg_area_reward else _ones
+    return task, leg_area_reward_factor if leg_area_reward else lambda scales: np.ones(len(scales))
 
 
 # What the compiled engine has a task for.

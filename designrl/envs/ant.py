@@ -24,7 +24,7 @@ from designrl.bodies.ant import (
     leg_capsules,
     mjcf,
 )
-from designrl.envs.action import checked_action
+from designrl.envs.inputs import checked_action, chosen_design
 from designrl.errors import InputError
 
 
@@ -209,12 +209,7 @@ class Ant(gymnasium.Env, EzPickle):
     def reset(self, *, seed: int | None = None, options: dict | None = None):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
         super().reset(seed=seed)
-        options = dict(options or {})
-        design = options.pop("design", None)
-        if options:
-            raise InputError(f"unknown reset option {next(iter(options))!r}; there is 'design'")
-        if design is not None:
-            self.design = ANT.design.validate(design)
+        self.design = chosen_design(options, ANT.design, self.design)
         if self._client < 0:
             self._connect()
         if self._loaded is None or not np.array_equal(self._loaded, self.design):
@@ -333,11 +328,8 @@ class Ant(gymnasium.Env, EzPickle):
     # ------------------------------------------------------------------------------ the world
 
     def _connect(self) -> None:
-        try:
-            with _silence():
-                self._client = pybullet.connect(pybullet.DIRECT)
-        except pybullet.error:
-            self._client = -1
+        with _silence(), contextlib.suppress(pybullet.error):
+            self._client = pybullet.connect(pybullet.DIRECT)
         if self._client < 0:
             raise InputError(
                 f"PyBullet has no room for another ant in this process (it holds {_MAX_CLIENTS} "
@@ -399,28 +391,19 @@ class Ant(gymnasium.Env, EzPickle):
 
     def _load_mjcf(self, text: str) -> int:
         # Bullet reads MJCF from files only.
-        name = None
+        flags = pybullet.URDF_USE_SELF_COLLISION
+        flags |= pybullet.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
         try:
-            with tempfile.NamedTemporaryFile(
-                "w", prefix="designrl-ant-", suffix=".xml", delete=False
-            ) as file:
-                name = file.name
+            with tempfile.NamedTemporaryFile("w", prefix="designrl-ant-", suffix=".xml") as file:
                 file.write(text)
-            (ant,) = pybullet.loadMJCF(
-                name,
-                flags=pybullet.URDF_USE_SELF_COLLISION
-                | pybullet.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS,
-                physicsClientId=self._client,
-            )
+                file.flush()
+                (ant,) = pybullet.loadMJCF(file.name, flags=flags, physicsClientId=self._client)
             return ant
         except OSError as error:
             raise InputError(
                 f"cannot write the ant's body to the temporary folder {tempfile.gettempdir()} "
                 f"({error.strerror}); set TMPDIR to one with space"
             ) from None
-        finally:
-            if name:
-                os.unlink(name)
 
     def close(self) -> None:
         """End the Bullet world; the next reset makes a new one."""

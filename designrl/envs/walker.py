@@ -14,8 +14,7 @@ from gymnasium.envs.box2d.bipedal_walker import (
 from gymnasium.utils import EzPickle
 
 from designrl.bodies.walker import WALKER, is_closest_lidar, leg_area_reward_factor
-from designrl.envs.action import checked_action
-from designrl.errors import InputError
+from designrl.envs.inputs import checked_action, chosen_design
 
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
 
@@ -39,25 +38,20 @@ class _World(b2World):
 
     def __init__(self, scales: np.ndarray, first_hit: bool):
         super().__init__()
-        (w1, h1, w2, h2), (w3, h3, w4, h4) = (WALKER.design.dimensions(scales) / SCALE).reshape(
-            2, 4
-        )
+        w1, h1, w2, h2, w3, h3, w4, h4 = (WALKER.design.dimensions(scales) / SCALE).tolist()
         self._hull_y = y = TERRAIN_HEIGHT + max(h1 + h2, h3 + h4)  # m
         self._parts = [  # width, height, y of the centre, all in m; popped from the end
-            (float(width), float(height), float(centre))
-            for width, height, centre in (
-                (w4, h4, y - h3 - h4 / 2 - LEG_DOWN),
-                (w3, h3, y - h3 / 2 - LEG_DOWN),
-                (w2, h2, y - h1 - h2 / 2 - LEG_DOWN),
-                (w1, h1, y - h1 / 2 - LEG_DOWN),
-            )
+            (w4, h4, y - h3 - h4 / 2 - LEG_DOWN),
+            (w3, h3, y - h3 / 2 - LEG_DOWN),
+            (w2, h2, y - h1 - h2 / 2 - LEG_DOWN),
+            (w1, h1, y - h1 / 2 - LEG_DOWN),
         ]
         self._height: dict = {}  # of the bodies made so far, m
         self._first_hit = _FirstHit() if first_hit else None
 
     def CreateDynamicBody(self, *, position, fixtures, **kwargs):  # noqa: N802 (Box2D's name)
         if fixtures is HULL_FD:
-            position = (position[0], float(self._hull_y))
+            position = (position[0], self._hull_y)
             return super().CreateDynamicBody(position=position, fixtures=fixtures, **kwargs)
         width, height, y = self._parts.pop()
         resized = b2FixtureDef(
@@ -182,7 +176,8 @@ class Walker(BipedalWalker):
         super().__init__(render_mode=render_mode, hardcore=hardcore)
         EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
         self.leg_area_reward = leg_area_reward
-        self._set_design(np.ones(WALKER.design.size) if design is None else design)
+        original = np.ones(WALKER.design.size)
+        self.design = WALKER.design.validate(original if design is None else design)
 
         high = np.full(len(WALKER.observations), np.inf, dtype=np.float32)
         low = -high
@@ -190,20 +185,10 @@ class Walker(BipedalWalker):
         low[bounded], high[bounded] = 0.0, 1.0
         self.observation_space = spaces.Box(low, high)
 
-    def _set_design(self, design) -> None:
-        self.design = WALKER.design.validate(design)
-        self.reward_factor = (
-            float(leg_area_reward_factor(self.design)) if self.leg_area_reward else 1.0
-        )
-
     def reset(self, *, seed: int | None = None, options: dict | None = None):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
-        options = dict(options or {})
-        design = options.pop("design", None)
-        if options:
-            raise InputError(f"unknown reset option {next(iter(options))!r}; there is 'design'")
-        if design is not None:
-            self._set_design(design)
+        self.design = chosen_design(options, WALKER.design, self.design)
+        self._reward_factor = float(leg_area_reward_factor(self.design))
         # The old world goes as a whole: a world that is used again keeps the order in which its
         # free list hands out contacts and tree nodes, and with it another rounding.
         self.terrain = []
@@ -228,8 +213,8 @@ class Walker(BipedalWalker):
             terms["posture"] = -5.0 * (tilt - self._tilt)
             terms["energy"] = -0.00035 * MOTORS_TORQUE * sum(min(abs(a), 1.0) for a in action)
             if self.leg_area_reward:
-                terms["leg_area"] = reward * (self.reward_factor - 1.0)
-                reward *= self.reward_factor
+                terms["leg_area"] = reward * (self._reward_factor - 1.0)
+                reward *= self._reward_factor
         self._x, self._tilt = x, tilt
         info["reward_terms"] = terms
         return observation, float(reward), terminated, truncated, info

@@ -40,15 +40,15 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
         InputError: nothing to open, a file that cannot be read or written or that exists already,
             no display, no graphics driver.
     """
-    paths = list(paths)
-    _check_targets([Path(path) for path in (save, screenshot) if path is not None], paths)
+    paths = [Path(path) for path in paths]
+    targets = [Path(path) for path in (save, screenshot) if path is not None]
+    _check_targets(targets, paths)
     recordings = _read_usable(paths)
     names = unique_names([recording.path for recording in recordings])
     layout = blueprint(recordings, names)
-    if save is None and screenshot is None:
-        _require_display()
     stream = rr.RecordingStream("designrl")
-    if save is None and screenshot is None:
+    if not targets:
+        _require_display()
         # Where the environment is not activated, Rerun would not find its own viewer.
         os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
         try:
@@ -85,15 +85,18 @@ def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[st
     stream.flush()
 
 
-def _read_usable(paths: list) -> list[Recording]:
+def _read_usable(paths: list[Path]) -> list[Recording]:
     """The recordings; of a folder's, those that can be read, and a sentence for each other."""
     recordings, last = [], None
     for path in find_recordings(paths):
         try:
             recording = read(path)
-            _require_messages(recording)
+            if not any(recording.topics.values()):
+                reason = recording.problem or "it has no messages"
+                mend = "get it again, or record it anew"
+                raise InputError(f"{path} holds nothing to show ({reason}); {mend}")
         except InputError as error:
-            if path in map(Path, paths):
+            if path in paths:
                 raise
             print(f"not shown: {error}", file=sys.stderr)
             last = error
@@ -107,14 +110,6 @@ def _read_usable(paths: list) -> list[Recording]:
     return recordings
 
 
-def _require_messages(recording: Recording) -> None:
-    if not any(recording.topics.values()):
-        reason = recording.problem or "it has no messages"
-        raise InputError(
-            f"{recording.path} holds nothing to show ({reason}); get it again, or record it anew"
-        )
-
-
 def _require_display() -> None:
     # Rerun's viewer would end at once, and Rerun wait for it in vain, with pages of warnings.
     variables = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
@@ -125,8 +120,8 @@ def _require_display() -> None:
         )
 
 
-def _check_targets(targets: list[Path], sources) -> None:
-    inputs = {Path(source).resolve() for source in sources}
+def _check_targets(targets: list[Path], sources: list[Path]) -> None:
+    inputs = {source.resolve() for source in sources}
     for target in targets:
         if target.resolve() in inputs:
             raise InputError(f"{target} is what is to be replayed; choose another name to write")

@@ -1,6 +1,7 @@
 """What a recording holds, as Rerun entities: curves, poses, rays."""
 
 import json
+from xml.etree.ElementTree import ParseError
 
 import numpy as np
 import rerun as rr
@@ -29,11 +30,10 @@ PALETTE = np.array(
 # What a recording raises here that is sound as a file but not what this package writes.
 _UNFIT = (
     AttributeError,
-    IndexError,
-    KeyError,
+    LookupError,
     OverflowError,
+    ParseError,
     RecursionError,
-    StopIteration,
     TypeError,
     ValueError,
 )
@@ -48,9 +48,9 @@ def log_recording(stream: rr.RecordingStream, recording: Recording, name: str) -
     log = log_run if recording.kind == "run" else log_rollout
     try:
         log(stream, recording, entity(name))
-    except _UNFIT as error:
-        if isinstance(error, RecordingError):
-            raise
+    except RecordingError:
+        raise
+    except _UNFIT:
         raise RecordingError(
             f"{recording.path} lacks some of what a {recording.kind} holds; record it again"
         ) from None

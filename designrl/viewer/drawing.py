@@ -6,7 +6,6 @@ import numpy as np
 import rerun as rr
 
 from designrl.bodies import GROUND_COLOR, GROUND_HALF_WIDTH, OBSTACLE_COLOR
-from designrl.errors import InputError
 from designrl.viewer.layout import entity
 
 SOLID = rr.components.FillMode.Solid
@@ -25,32 +24,15 @@ class Robot:
     Attributes:
         shapes: link -> kind -> what to draw.
         joints: child -> parent, place in the parent's frame, axis, angle.
-
-    Raises:
-        InputError: the text is not such a robot.
     """
 
     def __init__(self, text: str, pose: dict[str, float] | None = None, color=None):
-        try:
-            root = ElementTree.fromstring(text)
-            self.shapes = {
-                link.get("name"): self._shapes(link, color) for link in root.iter("link")
-            }
-            self.joints = {
-                joint.find("child").get("link"): self._joint(joint, pose or {})
-                for joint in root.iter("joint")
-            }
-        except (
-            ElementTree.ParseError,
-            AttributeError,
-            IndexError,
-            KeyError,
-            TypeError,
-            ValueError,
-        ):
-            raise InputError(
-                "the recording's /robot_description is damaged; record it again"
-            ) from None
+        root = ElementTree.fromstring(text)
+        self.shapes = {link.get("name"): self._shapes(link, color) for link in root.iter("link")}
+        self.joints = {
+            joint.find("child").get("link"): self._joint(joint, pose or {})
+            for joint in root.iter("joint")
+        }
 
     @staticmethod
     def _shapes(link, color) -> dict[str, rr.AsComponents]:
@@ -122,10 +104,8 @@ def _solid(kind: str, sizes, centers, quaternions, colors) -> rr.AsComponents:
 
 def log_floor(stream: rr.RecordingStream, course: np.ndarray, world: str) -> None:
     """A floor with lines at every meter, wherever a body (positions (T, 3) in m) has been."""
-    (x0, y0), (x1, y1) = (
-        np.floor(course[:, :2].min(axis=0)) - 6,
-        np.ceil(course[:, :2].max(axis=0)) + 6,
-    )
+    x0, y0 = np.floor(course[:, :2].min(axis=0)) - 6
+    x1, y1 = np.ceil(course[:, :2].max(axis=0)) + 6
     floor = rr.Boxes3D(
         mins=[(x0, y0, -0.1)],
         sizes=[(x1 - x0, y1 - y0, 0.095)],

@@ -3,18 +3,15 @@
     make bench
 
 All run the hardcore task from episode to episode, resets included, on random policies (EnvPool and
-plain Gymnasium: random actions, no policy at all, which favours them). Before each round of a
-benchmark the reference runs for a moment, and the ratio is the median over the rounds, so that a
-machine whose speed drifts still gives the same ratio.
+plain Gymnasium: random actions, no policy at all, which favours them).
 """
 
 import os
-import statistics
-import time
 
 import gymnasium
 import numpy as np
 import pytest
+from test_environment_speed import RandomActions
 
 from designrl import engine
 from designrl.envs import engine_task
@@ -23,7 +20,6 @@ from designrl.policy import Agent
 from designrl.simulation import run_episode
 
 REASON = engine.missing_reason()
-ROUNDS = 5
 CANDIDATES, ROLLOUTS = 192, 2  # the paper's population
 WEIGHT_STD = 0.3
 EXPERIMENT = get_experiment("biped-hardcore")
@@ -71,22 +67,6 @@ class Engine:
         return int(engine.rollout(**self.batch)[1].sum())
 
 
-class Gymnasium:
-    """Gymnasium's own walker under random actions."""
-
-    def __init__(self):
-        self.env = gymnasium.make("BipedalWalkerHardcore-v3")
-        self.env.reset(seed=0)
-        self.actions = np.random.default_rng(0).uniform(-1, 1, (REFERENCE_STEPS, 4))
-
-    def __call__(self) -> int:
-        for action in self.actions:
-            *_, terminated, truncated, _ = self.env.step(action)
-            if terminated or truncated:
-                self.env.reset()
-        return len(self.actions)
-
-
 class EnvPool:
     """EnvPool's C++ walker under random actions, in one thread."""
 
@@ -113,51 +93,31 @@ def reference():
     return Reference()
 
 
-def measure(benchmark, subject, reference):
-    """Benchmark `subject()`, which returns its steps, with the reference beside each round."""
-    rates, reference_rates = [], []
-
-    def rate(run):
-        start = time.perf_counter()
-        steps = run()
-        return steps / (time.perf_counter() - start)
-
-    benchmark.pedantic(
-        lambda: rates.append(rate(subject)),
-        setup=lambda: reference_rates.append(rate(reference)),
-        rounds=ROUNDS,
-        warmup_rounds=1,
-    )
-    ratios = [a / b for a, b in zip(rates[1:], reference_rates[1:], strict=True)]
-    benchmark.extra_info["steps_per_second"] = round(statistics.median(rates[1:]))
-    benchmark.extra_info["ratio_to_reference"] = round(statistics.median(ratios), 2)
+@GROUP
+def test_gymnasium_random_actions(measure, reference):
+    measure(RandomActions("BipedalWalkerHardcore-v3"), reference)
 
 
 @GROUP
-def test_gymnasium_random_actions(benchmark, reference):
-    measure(benchmark, Gymnasium(), reference)
+def test_envpool_random_actions_one_thread(measure, reference):
+    measure(EnvPool(), reference)
 
 
 @GROUP
-def test_envpool_random_actions_one_thread(benchmark, reference):
-    measure(benchmark, EnvPool(), reference)
-
-
-@GROUP
-def test_reference(benchmark, reference):
-    measure(benchmark, Reference(), reference)
+def test_reference(measure, reference):
+    measure(Reference(), reference)
 
 
 @GROUP
 @pytest.mark.skipif(REASON is not None, reason=str(REASON))
-def test_engine_one_thread(benchmark, reference):
-    measure(benchmark, Engine(threads=1), reference)
+def test_engine_one_thread(benchmark, measure, reference):
+    measure(Engine(threads=1), reference)
     benchmark.extra_info["instruction_set"] = engine.instruction_set()
 
 
 @GROUP
 @pytest.mark.skipif(REASON is not None, reason=str(REASON))
-def test_engine_all_cores(benchmark, reference):
-    measure(benchmark, Engine(threads=None), reference)
+def test_engine_all_cores(benchmark, measure, reference):
+    measure(Engine(threads=None), reference)
     benchmark.extra_info["cores"] = len(os.sched_getaffinity(0))
     benchmark.extra_info["instruction_set"] = engine.instruction_set()

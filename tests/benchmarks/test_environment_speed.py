@@ -1,73 +1,133 @@
-"""Steps per second of the walkers, as ratios to Gymnasium's plain BipedalWalker-v3."""
+"""Steps per second of the environments, as ratios to what they build on in the same run.
+
+    make bench
+
+The walkers are beside Gymnasium's plain BipedalWalker-v3. The ant is beside bare stepSimulation,
+which applies the torques of the very same episode and steps (4 substeps of Bullet), but reads
+nothing: it goes through the same states, to the bit. 1 is as fast as Bullet alone.
+"""
 
 import gymnasium
 import numpy as np
+import pybullet
 import pytest
 
 import designrl  # noqa: F401
+from designrl.envs.ant import Ant
 from designrl.experiments import get_experiment
-from designrl.policy import Agent
+from designrl.policy import Agent, forward_function
+from designrl.simulation import run_episode
 
 STEPS = 1000
+ANT = pytest.mark.benchmark(group="ant environment")
 
 
-def random_actions(env, steps=STEPS):
-    """Steps under fixed random actions, resets included."""
-    actions = np.random.default_rng(0).uniform(-1, 1, (steps, *env.action_space.shape))
-    env.reset(seed=0)
-    for step, action in enumerate(actions):
-        *_, terminated, truncated, _ = env.step(action)
-        if terminated or truncated:
-            env.reset(seed=step)
+class RandomActions:
+    """Steps of a walker under fixed random actions, resets included."""
 
+    def __init__(self, env_id: str):
+        self.env = gymnasium.make(env_id)
+        self.actions = np.random.default_rng(0).uniform(-1, 1, (STEPS, 4))
 
-def with_policy(env, agent, steps=STEPS):
-    """Steps under an agent's actions, resets included."""
-    agent.reset(0)
-    observation, _ = env.reset(seed=0)
-    for step in range(steps):
-        observation, _, terminated, truncated, _ = env.step(agent.act(observation, step))
-        if terminated or truncated:
-            observation, _ = env.reset(seed=step)
+    def __call__(self) -> int:
+        self.env.reset(seed=0)
+        for step, action in enumerate(self.actions):
+            *_, terminated, truncated, _ = self.env.step(action)
+            if terminated or truncated:
+                self.env.reset(seed=step)
+        return STEPS
 
 
 @pytest.fixture(scope="module")
-def baseline_seconds():
-    """Median seconds of the baseline, for the ratios."""
-    return {}
-
-
-def report(benchmark, baseline_seconds, steps=STEPS):
-    seconds = benchmark.stats.stats.median
-    benchmark.extra_info["steps_per_second"] = round(steps / seconds)
-    if "gymnasium" in baseline_seconds:
-        benchmark.extra_info["ratio_to_gymnasium"] = round(
-            baseline_seconds["gymnasium"] / seconds, 2
-        )
-
-
-@pytest.mark.benchmark(group="walker environment")
-def test_gymnasium_bipedal_walker_v3(benchmark, baseline_seconds):
-    benchmark.pedantic(
-        random_actions, (gymnasium.make("BipedalWalker-v3"),), rounds=7, warmup_rounds=1
-    )
-    baseline_seconds["gymnasium"] = benchmark.stats.stats.median
-    report(benchmark, baseline_seconds)
+def plain_walker():
+    return RandomActions("BipedalWalker-v3")
 
 
 @pytest.mark.benchmark(group="walker environment")
 @pytest.mark.parametrize("name", ["BipedalWalker", "BipedalWalkerHardcore"])
-def test_designrl_walker(benchmark, baseline_seconds, name):
-    env = gymnasium.make(f"designrl/{name}-v0")
-    benchmark.pedantic(random_actions, (env,), rounds=7, warmup_rounds=1)
-    report(benchmark, baseline_seconds)
+def test_walker(measure, plain_walker, name):
+    measure(RandomActions(f"designrl/{name}-v0"), plain_walker)
 
 
-@pytest.mark.benchmark(group="walker environment")
-def test_designrl_walker_with_policy(benchmark, baseline_seconds):
-    experiment = get_experiment("biped")
-    parameters = 0.3 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
-    agent = Agent(experiment, parameters)
-    env = gymnasium.make(experiment.env_id)
-    benchmark.pedantic(with_policy, (env, agent), rounds=7, warmup_rounds=1)
-    report(benchmark, baseline_seconds)
+class AntEpisode:
+    """An episode of an ant on its feet: random actions around the joints' middles."""
+
+    def __init__(self):
+        self.env, rng = Ant(), np.random.default_rng(0)
+        observation, _ = self.env.reset(seed=0)
+        self.actions, self.torques = [], []
+        for _ in range(STEPS):
+            noise = rng.uniform(-1, 1, 8)
+            self.actions.append(noise - observation[8:24:2] - observation[9:24:2])
+            observation, _, terminated, _, _ = self.env.step(self.actions[-1])
+            self.torques.append(self.env.torques)
+            assert not terminated
+        assert sum(self.env.foot_contacts) > 0
+
+    def bare(self) -> int:
+        """Bullet alone on the episode's torques."""
+        self.env.reset(seed=0)
+        ant, joints, client = self.env._ant, self.env._joints, self.env._client
+        for forces in self.torques:
+            pybullet.setJointMotorControlArray(
+                ant, joints, pybullet.TORQUE_CONTROL, forces=forces, physicsClientId=client
+            )
+            pybullet.stepSimulation(physicsClientId=client)
+        return STEPS
+
+
+@pytest.fixture(scope="module")
+def episode():
+    return AntEpisode()
+
+
+@ANT
+def test_ant(measure, episode):
+    env = gymnasium.make("designrl/Ant-v0").unwrapped
+
+    def steps() -> int:
+        env.reset(seed=0)
+        for action in episode.actions:
+            env.step(action)
+        return STEPS
+
+    assert measure(steps, episode.bare) >= 0.7  # the aim is 0.75
+
+
+@ANT
+@pytest.mark.parametrize("policy", ["NumPy", "compiled"])
+def test_ant_with_policy(measure, episode, policy):
+    class StandingAgent(Agent):
+        """Pays for a policy, and acts as in the recorded episode."""
+
+        def act(self, observation, t=0):
+            super().act(observation, t)
+            return episode.actions[t]
+
+    experiment = get_experiment("ant")
+    parameters = 0.1 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
+    agent = StandingAgent(experiment, parameters)
+    if policy == "NumPy":
+        count = experiment.network.num_parameters - experiment.network.sizes[-1]  # no log-stds
+        agent._forward = forward_function(experiment.network, parameters[:count])
+    env = gymnasium.make(experiment.env_id, disable_env_checker=True)
+
+    def whole_episode() -> int:
+        assert run_episode(env, agent, seed=0)[1] == STEPS
+        return STEPS
+
+    measure(whole_episode, episode.bare)
+
+
+@pytest.mark.benchmark(group="ant reset")
+@pytest.mark.parametrize("body", ["the same", "another"])
+def test_ant_reset(benchmark, body):
+    env, rng = Ant(), np.random.default_rng(0)
+    designs = rng.uniform(0.25, 1.75, (20, 36)) if body == "another" else np.ones((20, 36))
+
+    def resets():
+        for design in designs:
+            env.reset(seed=0, options={"design": design})
+
+    benchmark.pedantic(resets, rounds=9, warmup_rounds=1)
+    benchmark.extra_info["milliseconds"] = round(1e3 * benchmark.stats.stats.median / 20, 2)
