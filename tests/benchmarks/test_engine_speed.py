@@ -11,6 +11,8 @@ machine whose speed drifts still gives the same ratio.
 import os
 import statistics
 import time
+from functools import partial
+from itertools import count
 
 import gymnasium
 import numpy as np
@@ -23,99 +25,97 @@ from designrl.policy import Agent
 from designrl.simulation import run_episode
 
 REASON = engine.missing_reason()
+CORES = len(os.sched_getaffinity(0))
 ROUNDS = 5
 CANDIDATES, ROLLOUTS = 192, 2  # the paper's population
-WEIGHT_STD = 0.3
 EXPERIMENT = get_experiment("biped-hardcore")
+POLICIES = 0.3 * np.random.default_rng(0).standard_normal((CANDIDATES, EXPERIMENT.num_parameters))
 REFERENCE_STEPS = 1500
-GROUP = pytest.mark.benchmark(group="walker rollouts")
+needs_engine = pytest.mark.skipif(REASON is not None, reason=str(REASON))
 
 
-def random_policies():
-    rng = np.random.default_rng(0)
-    return WEIGHT_STD * rng.standard_normal((CANDIDATES, EXPERIMENT.num_parameters))
+# Each of these sets up something to measure, and returns a function that runs some steps of it and
+# returns how many.
 
 
-class Reference:
+def reference():
     """Whole episodes of the random policies in turn, in the Gymnasium environment."""
+    env = gymnasium.make(EXPERIMENT.env_id, disable_env_checker=True)
+    agents = [Agent(EXPERIMENT, parameters) for parameters in POLICIES]
+    episodes = count()
 
-    def __init__(self):
-        self.env = gymnasium.make(EXPERIMENT.env_id, disable_env_checker=True)
-        self.agents = [Agent(EXPERIMENT, parameters) for parameters in random_policies()]
-        self.episode = 0
-
-    def __call__(self) -> int:
+    def run():
         steps = 0
         while steps < REFERENCE_STEPS:
-            agent = self.agents[self.episode % CANDIDATES]
-            steps += run_episode(self.env, agent, seed=self.episode)[1]
-            self.episode += 1
+            episode = next(episodes)
+            steps += run_episode(env, agents[episode % CANDIDATES], seed=episode)[1]
         return steps
 
+    return run
 
-class Engine:
+
+def compiled(threads):
     """One generation of the random policies."""
-
-    def __init__(self, threads):
-        self.batch = {
-            "task": engine_task(EXPERIMENT.env_id)[0],
-            "sizes": EXPERIMENT.network.sizes,
-            "weights": random_policies(),
-            "designs": np.ones((CANDIDATES, 8)),
-            "reward_factors": np.ones(CANDIDATES),
-            "seeds": np.arange(CANDIDATES * ROLLOUTS).reshape(CANDIDATES, ROLLOUTS),
-            "threads": threads,
-        }
-
-    def __call__(self) -> int:
-        return int(engine.rollout(**self.batch)[1].sum())
+    task, _ = engine_task(EXPERIMENT.env_id)
+    seeds = np.arange(CANDIDATES * ROLLOUTS).reshape(CANDIDATES, ROLLOUTS)
+    batch = POLICIES, np.ones((CANDIDATES, 8)), np.ones(CANDIDATES), seeds
+    return lambda: engine.rollout(task, EXPERIMENT.network.sizes, *batch, threads=threads)[1].sum()
 
 
-class Gymnasium:
+def plain_gymnasium():
     """Gymnasium's own walker under random actions."""
+    env = gymnasium.make("BipedalWalkerHardcore-v3")
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, (REFERENCE_STEPS, 4))
 
-    def __init__(self):
-        self.env = gymnasium.make("BipedalWalkerHardcore-v3")
-        self.env.reset(seed=0)
-        self.actions = np.random.default_rng(0).uniform(-1, 1, (REFERENCE_STEPS, 4))
-
-    def __call__(self) -> int:
-        for action in self.actions:
-            *_, terminated, truncated, _ = self.env.step(action)
+    def run():
+        for action in actions:
+            *_, terminated, truncated, _ = env.step(action)
             if terminated or truncated:
-                self.env.reset()
-        return len(self.actions)
+                env.reset()
+        return len(actions)
+
+    return run
 
 
-class EnvPool:
+def envpool():
     """EnvPool's C++ walker under random actions, in one thread."""
+    reason = "EnvPool is not installed: pip install envpool==1.2.5"
+    module = pytest.importorskip("envpool", reason=reason)
+    walkers, steps = 16, 400
+    env = module.make(
+        "BipedalWalkerHardcore-v3", env_type="gymnasium", num_envs=walkers, num_threads=1
+    )
+    env.reset()
+    actions = np.random.default_rng(0).uniform(-1, 1, (steps, walkers, 4)).astype(np.float32)
 
-    COUNT, STEPS = 16, 400
+    def run():
+        for each in actions:
+            env.step(each)
+        return walkers * steps
 
-    def __init__(self):
-        reason = "EnvPool is not installed: pip install envpool==1.2.5"
-        envpool = pytest.importorskip("envpool", reason=reason)
-        self.env = envpool.make(
-            "BipedalWalkerHardcore-v3", env_type="gymnasium", num_envs=self.COUNT, num_threads=1
-        )
-        self.env.reset()
-        rng = np.random.default_rng(0)
-        self.actions = rng.uniform(-1, 1, (self.STEPS, self.COUNT, 4)).astype(np.float32)
-
-    def __call__(self) -> int:
-        for actions in self.actions:
-            self.env.step(actions)
-        return self.COUNT * self.STEPS
+    return run
 
 
 @pytest.fixture(scope="module")
-def reference():
-    return Reference()
+def beside():
+    return reference()
 
 
-def measure(benchmark, subject, reference):
-    """Benchmark `subject()`, which returns its steps, with the reference beside each round."""
-    rates, reference_rates = [], []
+@pytest.mark.benchmark(group="walker rollouts")
+@pytest.mark.parametrize(
+    "subject",
+    [
+        pytest.param(plain_gymnasium, id="gymnasium, random actions"),
+        pytest.param(envpool, id="EnvPool, random actions, one thread"),
+        pytest.param(reference, id="reference"),
+        pytest.param(partial(compiled, 1), id="engine, one thread", marks=needs_engine),
+        pytest.param(partial(compiled, CORES), id=f"engine, {CORES} cores", marks=needs_engine),
+    ],
+)
+def test_rollouts(benchmark, subject, beside):
+    """The subject's steps per second, with the reference beside each round."""
+    run, rates, reference_rates = subject(), [], []
 
     def rate(run):
         start = time.perf_counter()
@@ -123,41 +123,13 @@ def measure(benchmark, subject, reference):
         return steps / (time.perf_counter() - start)
 
     benchmark.pedantic(
-        lambda: rates.append(rate(subject)),
-        setup=lambda: reference_rates.append(rate(reference)),
+        lambda: rates.append(rate(run)),
+        setup=lambda: reference_rates.append(rate(beside)),
         rounds=ROUNDS,
         warmup_rounds=1,
     )
     ratios = [a / b for a, b in zip(rates[1:], reference_rates[1:], strict=True)]
     benchmark.extra_info["steps_per_second"] = round(statistics.median(rates[1:]))
     benchmark.extra_info["ratio_to_reference"] = round(statistics.median(ratios), 2)
-
-
-@GROUP
-def test_gymnasium_random_actions(benchmark, reference):
-    measure(benchmark, Gymnasium(), reference)
-
-
-@GROUP
-def test_envpool_random_actions_one_thread(benchmark, reference):
-    measure(benchmark, EnvPool(), reference)
-
-
-@GROUP
-def test_reference(benchmark, reference):
-    measure(benchmark, Reference(), reference)
-
-
-@GROUP
-@pytest.mark.skipif(REASON is not None, reason=str(REASON))
-def test_engine_one_thread(benchmark, reference):
-    measure(benchmark, Engine(threads=1), reference)
-    benchmark.extra_info["instruction_set"] = engine.instruction_set()
-
-
-@GROUP
-@pytest.mark.skipif(REASON is not None, reason=str(REASON))
-def test_engine_all_cores(benchmark, reference):
-    measure(benchmark, Engine(threads=None), reference)
-    benchmark.extra_info["cores"] = len(os.sched_getaffinity(0))
-    benchmark.extra_info["instruction_set"] = engine.instruction_set()
+    if "engine" in benchmark.name:
+        benchmark.extra_info["instruction_set"] = engine.instruction_set()
