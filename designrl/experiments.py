@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 from designrl.bodies import Body
 from designrl.bodies.ant import ANT
@@ -128,74 +128,45 @@ _ZOO = {
 }
 
 
-def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
-    return Experiment(
-        name,
-        letter,
-        title,
-        "designrl/Ant-v0",
-        ANT,
-        ANT_NETWORK,
-        learns_design,
-        paper={"generations": 3000},
-        zoo={"generations": 3000, "rollouts": 2, **_ZOO},
-        **kwargs,
-    )
-
-
-def _walker(
-    name: str,
-    letter: str,
-    title: str,
-    learns_design: bool,
-    hardcore: bool = False,
-    smaller_leg: bool = False,
-) -> Experiment:
-    return Experiment(
-        name,
-        letter,
-        title,
+def _published(name: str, letter: str, title: str) -> Experiment:
+    """One of the paper's experiments; its name says all that is in it."""
+    make = partial(Experiment, name, letter, title, learns_design="morphology" in name)
+    if name.startswith("ant"):
+        return make(
+            "designrl/Ant-v0",
+            ANT,
+            ANT_NETWORK,
+            paper={"generations": 3000},
+            zoo={"generations": 3000, "rollouts": 2, **_ZOO},
+            other_networks=(PUBLISHED_ANT_NETWORK,) if name == "ant" else (),
+        )
+    hardcore = "hardcore" in name
+    paper = {"generations": 10000 if hardcore else 5000, "shaped_rewards": True}
+    return make(
         f"designrl/BipedalWalker{'Hardcore' if hardcore else ''}-v0",
         WALKER,
         WALKER_NETWORK,
-        learns_design,
-        paper={"generations": 10000 if hardcore else 5000, "shaped_rewards": True},
-        zoo={
-            "generations": 2500 if hardcore else 600,
-            "rollouts": 4,
-            "shaped_rewards": True,
-            **_ZOO,
-        },
-        training_kwargs={"leg_area_reward": True} if smaller_leg else {},
+        paper=paper,
+        zoo={**paper, "generations": 2500 if hardcore else 600, "rollouts": 4, **_ZOO},
+        training_kwargs={"leg_area_reward": True} if "smaller-leg" in name else {},
         shaping=Shaping(),
     )
 
 
 EXPERIMENTS: dict[str, Experiment] = {
-    experiment.name: experiment
-    for experiment in (
-        _ant("ant", "a", "Ant", False, other_networks=(PUBLISHED_ANT_NETWORK,)),
-        _ant("ant-morphology", "b", "Ant + Morphology", True),
-        _walker("biped", "c", "Biped", False),
-        _walker("biped-morphology", "d", "Biped + Morphology", True),
-        _walker(
-            "biped-morphology-smaller-leg",
-            "e",
-            "Biped + Morphology + Smaller Leg",
-            True,
-            smaller_leg=True,
-        ),
-        _walker("biped-hardcore", "f", "Biped Hardcore", False, hardcore=True),
-        _walker(
-            "biped-hardcore-morphology", "g", "Biped Hardcore + Morphology", True, hardcore=True
-        ),
-        _walker(
+    name: _published(name, letter, title)
+    for name, letter, title in (
+        ("ant", "a", "Ant"),
+        ("ant-morphology", "b", "Ant + Morphology"),
+        ("biped", "c", "Biped"),
+        ("biped-morphology", "d", "Biped + Morphology"),
+        ("biped-morphology-smaller-leg", "e", "Biped + Morphology + Smaller Leg"),
+        ("biped-hardcore", "f", "Biped Hardcore"),
+        ("biped-hardcore-morphology", "g", "Biped Hardcore + Morphology"),
+        (
             "biped-hardcore-morphology-smaller-leg",
             "h",
             "Biped Hardcore + Morphology + Smaller Leg",
-            True,
-            hardcore=True,
-            smaller_leg=True,
         ),
     )
 }

@@ -3,31 +3,28 @@
 They are not part of this project: DESIGNRL_ZOO names the folder where they lie.
 """
 
-import contextlib
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from designrl.errors import InputError
 
-RUNS = 10
-# Experiment -> its run 1 in the folder zoo/, and its runs 2 to 10, followed there by their number.
+# Experiment -> its run 1 in the folder zoo/, and its runs 2 to 10 in zoo/more/, followed there by
+# their number.
 FILES = {
-    "ant": ("robo_ant", "more/robo_ant/robo_ant"),
-    "ant-morphology": ("augment_ant", "more/augmentant/augment_ant"),
-    "biped": ("biped", "more/biped/biped"),
-    "biped-morphology": ("augmentbiped", "more/augmentbiped/augmentbiped"),
+    "ant": ("robo_ant", "robo_ant/robo_ant"),
+    "ant-morphology": ("augment_ant", "augmentant/augment_ant"),
+    "biped": ("biped", "biped/biped"),
+    "biped-morphology": ("augmentbiped", "augmentbiped/augmentbiped"),
     "biped-morphology-smaller-leg": (
         "augmentbipedsmalllegs",
-        "more/augmentbipedsmall/augmentbipedsmall",
+        "augmentbipedsmall/augmentbipedsmall",
     ),
-    "biped-hardcore": ("bipedhard", "more/bipedhard/bipedhard"),
-    "biped-hardcore-morphology": (
-        "augmentbipedhard",
-        "more/augmentbipedhard/augmentbipedhard",
-    ),
+    "biped-hardcore": ("bipedhard", "bipedhard/bipedhard"),
+    "biped-hardcore-morphology": ("augmentbipedhard", "augmentbipedhard/augmentbipedhard"),
     "biped-hardcore-morphology-smaller-leg": (
         "augmentbipedhardsmalllegs",
-        "more/augmentbipedhardsmall/augmentbipedhardsmalllegs",
+        "augmentbipedhardsmall/augmentbipedhardsmalllegs",
     ),
 }
 
@@ -45,7 +42,7 @@ def zoo_folder() -> Path | None:
 def file_name(experiment: str, run: int = 1) -> str:
     """The file of one of the author's runs, seen from a zoo folder."""
     first, more = FILES[experiment]
-    return f"{first}.json" if run == 1 else f"{more}.{run}.json"
+    return f"{first}.json" if run == 1 else f"more/{more}.{run}.json"
 
 
 def published(zoo: str | Path, experiment: str, run: int = 1) -> Path:
@@ -66,7 +63,7 @@ def published(zoo: str | Path, experiment: str, run: int = 1) -> Path:
 def published_runs(zoo: str | Path, experiment: str) -> dict[int, Path]:
     """Those of the author's runs 1 to 10 that are there."""
     found = {}
-    for run in range(1, RUNS + 1):
-        with contextlib.suppress(InputError):
+    for run in range(1, 11):
+        with suppress(InputError):
             found[run] = published(zoo, experiment, run)
     return found

@@ -20,15 +20,10 @@ __all__ = ["PLAIN", "PUBLISHED", "Reinforce", "ReinforceSettings"]
 _NOISE_STREAM = 0  # spawn key of the samples; training's episode seeds have another
 
 
-def log_density(w: torch.Tensor, mu: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
-    """log N(w; μ, σ²), summed over the factored parameters: (N, P), (P,), (P,) -> (N,)."""
-    return torch.distributions.Normal(mu, sigma).log_prob(w).sum(dim=-1)
-
-
 def log_density_gradients(
     w: torch.Tensor, mu: torch.Tensor, sigma: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Gradients of the log-density by μ and σ, in closed form (equation 5): (N, P) each."""
+    """Gradients of log N(w; μ, σ²) by μ and σ, in closed form (equation 5): (N, P) each."""
     deviation = w - mu
     return deviation / sigma**2, (deviation**2 - sigma**2) / sigma**3
 
@@ -186,15 +181,10 @@ class Reinforce:
         Raises:
             InputError: arrays missing, of other shapes or types, or out of all bounds.
         """
-        expected = self.state()
-        for name, array in expected.items():
-            found = state.get(name)
-            if (
-                found is None
-                or found.shape != array.shape
-                or found.dtype != array.dtype
-                or not np.isfinite(found).all()
-            ):
+        for name, array in self.state().items():
+            found = np.asarray(state.get(name))
+            alike = found.shape == array.shape and found.dtype == array.dtype
+            if not (alike and np.isfinite(found).all()):
                 raise InputError(f"the optimiser's state {name!r} is missing or damaged")
         if state["generation"] < 0 or state["sigma"].min() <= 0 or state["adam_v"].min() < 0:
             raise InputError("the optimiser's state is damaged")

@@ -120,18 +120,13 @@ class TrainSettings(ReinforceSettings):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
         if self.shaped_rewards and experiment.shaping is None:
             raise InputError(f"{experiment.name} has no shaped rewards; leave out shaped-rewards")
-        for name, low, high in (
-            ("seed", 0, None),
-            ("generations", 1, None),
-            ("population", 1, None),
-            ("rollouts", 1, None),
-            ("evaluate_every", 1, None),
-            ("weight_decay", 0, 10_000),
-            ("learning_rate_floor", 0, 10),
-        ):
-            self._check(name, low, high)
+        self._check("seed", 0)
+        for name in ("generations", "population", "rollouts", "evaluate_every"):
+            self._check(name, 1)
         if self.evaluation_episodes is not None:
-            self._check("evaluation_episodes", 1, None)
+            self._check("evaluation_episodes", 1)
+        self._check("weight_decay", 0, 10_000)
+        self._check("learning_rate_floor", 0, 10)
         for name in ("sigma_start", "sigma_decay", "learning_rate", "learning_rate_decay"):
             self._check(name, 0, 10, above=True)
         for episodes, what in (
@@ -143,7 +138,7 @@ class TrainSettings(ReinforceSettings):
                     f"{what} would be {episodes:,} episodes; it can be at most {MAX_EPISODES:,}"
                 )
 
-    def _check(self, name: str, low: float, high: float | None, above: bool = False) -> None:
+    def _check(self, name: str, low: float, high: float | None = None, above: bool = False) -> None:
         value = getattr(self, name)
         # Written so that NaN is refused, too.
         if (value > low if above else value >= low) and (high is None or value <= high):
@@ -160,14 +155,10 @@ class TrainSettings(ReinforceSettings):
         """The shortest command that gives this run's result."""
         found = []
         for recipe in (*RECIPES, "plain"):
-            base = TrainSettings.of(self.experiment, recipe, seed=self.seed)
-            words = [f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"]
-            words += [
-                option(name, value)
-                for name, value in vars(self).items()
-                if value != getattr(base, name)
-            ]
-            found.append(words)
+            base = vars(TrainSettings.of(self.experiment, recipe, seed=self.seed))
+            changes = [option(name, x) for name, x in vars(self).items() if x != base[name]]
+            start = f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"
+            found.append([start, *changes])
         return " ".join(min(found, key=len))
 
 

@@ -35,16 +35,14 @@ FACE = "__init__"  # hands on what stands below, and nothing imports it
 SCRIPTS = {"engine/verify.py"}  # run by hand, stand at the top
 
 
-def rooms_imported(path: Path) -> set[str]:
-    """The rooms that a file imports, wherever in it."""
+def imported(nodes) -> set[str]:
+    """All that some statements import, with its packages: "designrl.envs.walker.Walker"."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "designrl":
-            room = node.module.split(".")[1:2]
-            found |= set(room) if room else {alias.name for alias in node.names}
-        elif isinstance(node, ast.Import):
-            names = [alias.name.split(".") for alias in node.names]
-            found |= {(name + [FACE])[1] for name in names if name[0] == "designrl"}
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
     return found
 
 
@@ -54,27 +52,19 @@ def test_no_import_runs_back_up():
         room = inside.parts[0].removesuffix(".py")
         if room == FACE or inside.as_posix() in SCRIPTS:
             continue
-        height = FLOORS.index(room)
-        for other in rooms_imported(path):
-            assert other != FACE, f"{inside} imports the face"
-            assert FLOORS.index(other) <= height, f"{inside} imports {other}, which stands above it"
+        for name in imported(ast.walk(ast.parse(path.read_text()))):
+            package, other = f"{name}.{FACE}".split(".")[:2]
+            if package == "designrl":
+                assert other in FLOORS, f"{inside} imports the face"
+                above = FLOORS.index(other) > FLOORS.index(room)
+                assert not above, f"{inside} imports {other}, which stands above it"
 
 
 def test_the_ground_is_free_of_simulators_and_torch():
     heavy = {"torch", "Box2D", "pybullet", "rerun", "matplotlib"}
     light = ("files", "provenance", "design", "bodies", "envs", "experiments", "policy", "settings")
     for room in light:
-        for path in sorted([PACKAGE / f"{room}.py", *(PACKAGE / room).glob("__init__.py")]):
-            if path.exists():
-                names = {n.split(".")[0] for n in imported_at_the_top(path)}
-                assert not names & heavy, f"{path.name} imports {names & heavy}"
-
-
-def imported_at_the_top(path: Path) -> list[str]:
-    found = []
-    for node in ast.parse(path.read_text()).body:
-        if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            found.append(node.module or "")
-    return found
+        files = PACKAGE / f"{room}.py", PACKAGE / room / "__init__.py"
+        path = next(filter(Path.exists, files))
+        names = {name.split(".")[0] for name in imported(ast.parse(path.read_text()).body)}
+        assert not names & heavy, f"{path} imports {names & heavy}"

@@ -9,7 +9,6 @@ from designrl.reinforce import (
     Reinforce,
     ReinforceSettings,
     centred_ranks,
-    log_density,
     log_density_gradients,
     reinforce_gradients,
 )
@@ -21,6 +20,10 @@ def random_gaussian(parameters=7, candidates=5, seed=0):
     sigma = torch.tensor(rng.uniform(0.1, 2.0, parameters), requires_grad=True)
     w = torch.tensor(rng.normal(size=(candidates, parameters)))
     return w, mu, sigma
+
+
+def log_density(w, mu, sigma):
+    return torch.distributions.Normal(mu, sigma).log_prob(w).sum(dim=-1)
 
 
 def test_closed_form_gradients_equal_autograd_of_the_log_density():

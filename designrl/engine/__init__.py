@@ -13,6 +13,7 @@ import ctypes
 import os
 import threading
 from collections.abc import Callable
+from ctypes import c_char_p, c_int, c_int32, c_int64, c_uint32, c_void_p
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -47,48 +48,33 @@ class _Batch(ctypes.Structure):
     """native/common/batch.h, field by field."""
 
     _fields_ = [
-        ("sizes", ctypes.c_void_p),
-        ("weights", ctypes.c_void_p),
-        ("designs", ctypes.c_void_p),
-        ("reward_factors", ctypes.c_void_p),
-        ("seeds", ctypes.c_void_p),
-        ("candidates", ctypes.c_int64),
-        ("rollouts", ctypes.c_int64),
-        ("weight_count", ctypes.c_int64),
-        ("layers", ctypes.c_int32),
-        ("output_tanh", ctypes.c_int32),
-        ("flags", ctypes.c_uint32),
-        ("shaped", ctypes.c_int32),
-        ("max_steps", ctypes.c_int64),
-        ("returns", ctypes.c_void_p),
-        ("steps", ctypes.c_void_p),
-        ("observations", ctypes.c_void_p),
-        ("next_episode", ctypes.c_int64),
-        ("finished", ctypes.c_int64),
-        ("stop", ctypes.c_int64),
+        *((name, c_void_p) for name in ("sizes", "weights", "designs", "reward_factors", "seeds")),
+        *((name, c_int64) for name in ("candidates", "rollouts", "weight_count")),
+        ("layers", c_int32),
+        ("output_tanh", c_int32),
+        ("flags", c_uint32),
+        ("shaped", c_int32),
+        ("max_steps", c_int64),
+        *((name, c_void_p) for name in ("returns", "steps", "observations")),
+        *((name, c_int64) for name in ("next_episode", "finished", "stop")),
     ]
 
 
-class _TaskEntry(ctypes.Structure):
-    """native/common/batch.h, field by field."""
-
-    _fields_ = [
-        ("name", ctypes.c_char_p),
-        ("observations", ctypes.c_int32),
-        ("actions", ctypes.c_int32),
-        ("design", ctypes.c_int32),
-        ("flags", ctypes.c_char_p),
-        ("thread_bytes", ctypes.c_void_p),
-        ("run_episodes", ctypes.c_void_p),
-    ]
+_FUNCTIONS = {  # of native/api.cpp: result and arguments
+    "engine_batch_bytes": (c_int64, ()),
+    "engine_isa": (c_char_p, (c_char_p,)),
+    "engine_describe": (c_char_p, (c_char_p, c_void_p)),
+    "engine_run": (c_int, (c_void_p, c_char_p, c_char_p, c_int)),
+    "policy_widest": (c_int32, ()),
+    "policy_act": (None, (c_void_p, c_void_p, c_int32, c_int32, c_void_p, c_void_p, c_void_p)),
+}
 
 
 @cache
 def _load() -> ctypes.CDLL | str:
     """The loaded library, or the reason why there is none."""
-    folder = Path(__file__).parent
-    paths = [folder / f"_native{suffix}" for suffix in EXTENSION_SUFFIXES]
-    path = next((path for path in paths if path.exists()), None)
+    paths = [Path(__file__).with_name(f"_native{suffix}") for suffix in EXTENSION_SUFFIXES]
+    path = next(filter(Path.exists, paths), None)
     if path is None:
         return (
             "the compiled engine is missing (it is built by `pip install .` with a C++ compiler, "
@@ -96,29 +82,12 @@ def _load() -> ctypes.CDLL | str:
         )
     try:
         library = ctypes.CDLL(str(path))
-        for name, result, arguments in (
-            ("engine_batch_bytes", ctypes.c_int64, ()),
-            ("engine_task_bytes", ctypes.c_int64, ()),
-            ("engine_isa", ctypes.c_char_p, (ctypes.c_char_p,)),
-            ("engine_task", ctypes.POINTER(_TaskEntry), (ctypes.c_char_p,)),
-            (
-                "engine_run",
-                ctypes.c_int,
-                (ctypes.POINTER(_Batch), ctypes.c_char_p, ctypes.c_char_p, ctypes.c_int),
-            ),
-            ("policy_widest", ctypes.c_int32, ()),
-            (
-                "policy_act",
-                None,
-                (ctypes.c_void_p,) * 2 + (ctypes.c_int32,) * 2 + (ctypes.c_void_p,) * 3,
-            ),
-        ):
+        for name, (result, arguments) in _FUNCTIONS.items():
             function = getattr(library, f"designrl_{name}")
             function.restype, function.argtypes = result, arguments
     except (OSError, AttributeError) as error:
         return f"the compiled engine does not load ({error})"
-    sizes = library.designrl_engine_batch_bytes(), library.designrl_engine_task_bytes()
-    if sizes != (ctypes.sizeof(_Batch), ctypes.sizeof(_TaskEntry)):
+    if library.designrl_engine_batch_bytes() != ctypes.sizeof(_Batch):
         return "the compiled engine is of another version (install designrl again)"
     return library
 
@@ -196,56 +165,51 @@ def rollout(
             engine's capacities (it is never simulated differently instead).
         KeyboardInterrupt: within a step or two of Ctrl-C.
     """
-    entry, flags = _find(task)
+    inputs, outputs, dimensions, flags = _find(task)
     sizes = _checked_sizes(sizes)
-    if (sizes[0], sizes[-1]) != (entry.observations, entry.actions):
+    if (sizes[0], sizes[-1]) != (inputs, outputs):
         raise InputError(
-            f"the engine's {task.name} has {entry.observations} observations and {entry.actions} "
-            f"actions, a network {'-'.join(map(str, sizes))} does not fit"
+            f"the engine's {task.name} has {inputs} observations and {outputs} actions, a network "
+            f"{'-'.join(map(str, sizes))} does not fit"
         )
     seeds = np.asarray(seeds)
     if seeds.ndim != 2 or seeds.dtype.kind not in "iu" or (seeds < 0).any():
         raise InputError("seeds must be an (N, R) array of integers from 0 on")
-    seeds = np.ascontiguousarray(seeds, dtype=np.uint64)
     n, r = seeds.shape
-    weights = _checked("weights", weights, np.float32, (n, _weight_count(sizes)))
-    designs = _checked("designs", designs, np.float64, (n, entry.design))
-    factors = _checked("reward_factors", reward_factors, np.float64, (n,))
-
-    returns = np.zeros((n, r))
-    steps = np.zeros((n, r), dtype=np.int64)
-    seen = None
+    returns, steps = np.zeros((n, r)), np.zeros((n, r), dtype=np.int64)
+    arrays = {
+        "sizes": sizes,
+        "weights": _checked("weights", weights, np.float32, (n, _weight_count(sizes))),
+        "designs": _checked("designs", designs, np.float64, (n, dimensions)),
+        "reward_factors": _checked("reward_factors", reward_factors, np.float64, (n,)),
+        "seeds": np.ascontiguousarray(seeds, dtype=np.uint64),
+        "returns": returns,
+        "steps": steps,
+    }
     if observations:
-        seen = np.empty((n, r, task.max_steps + 1, entry.observations), dtype=np.float32)
+        seen = np.empty((n, r, task.max_steps + 1, inputs), dtype=np.float32)
+        arrays["observations"] = seen
     batch = _Batch(
-        sizes=sizes.ctypes.data,
-        weights=weights.ctypes.data,
-        designs=designs.ctypes.data,
-        reward_factors=factors.ctypes.data,
-        seeds=seeds.ctypes.data,
         candidates=n,
         rollouts=r,
-        weight_count=weights.shape[1],
+        weight_count=_weight_count(sizes),
         layers=len(sizes) - 1,
         output_tanh=output_tanh,
         flags=flags,
         shaped=shaped,
         max_steps=task.max_steps,
-        returns=returns.ctypes.data,
-        steps=steps.ctypes.data,
-        observations=None if seen is None else seen.ctypes.data,
+        **{name: array.ctypes.data for name, array in arrays.items()},
     )
+    batch.arrays = arrays  # which so live as long as what points to them
     threads = max(1, min(threads or len(os.sched_getaffinity(0)), n * r))
-    call = ctypes.byref(batch), task.name.encode(), instruction_set(isa).encode(), threads
-    held = sizes, weights, designs, factors, seeds, returns, steps, seen
-    _run(batch, call, held, progress)
+    _run(batch, task.name.encode(), instruction_set(isa).encode(), threads, progress)
     if (steps < 0).any():
         i, j = (int(k) for k in np.argwhere(steps < 0)[0])
         raise InputError(
             f"the episode of candidate {i} with seed {int(seeds[i, j])} has more contacts than "
             'the engine holds; use backend="reference"'
         )
-    if seen is None:
+    if not observations:
         return returns, steps
     return returns, steps, [[seen[i, j, : steps[i, j] + 1] for j in range(r)] for i in range(n)]
 
@@ -290,13 +254,13 @@ def act_function(
     return compiled
 
 
-def _find(task: Task) -> tuple[_TaskEntry, int]:
-    """What the library says of a task, and the bits of its flags."""
-    entry = _library().designrl_engine_task(task.name.encode())
-    if not entry:
+def _find(task: Task) -> tuple[int, int, int, int]:
+    """How many observations, actions and dimensions a task has, and the bits of its flags."""
+    counts = (c_int32 * 3)()
+    known = _library().designrl_engine_describe(task.name.encode(), counts)
+    if known is None:
         raise InputError(f"the engine does not have the task {task.name!r}")
-    entry = entry.contents
-    known = entry.flags.decode().split()
+    known = known.decode().split()
     unknown = [flag for flag in task.flags if flag not in known]
     if unknown:
         raise InputError(
@@ -305,7 +269,7 @@ def _find(task: Task) -> tuple[_TaskEntry, int]:
         )
     if task.max_steps < 1:
         raise InputError(f"an episode of {task.max_steps} steps is none")
-    return entry, sum(1 << i for i, flag in enumerate(known) if flag in task.flags)
+    return *counts, sum(1 << i for i, flag in enumerate(known) if flag in task.flags)
 
 
 def _checked_sizes(sizes: tuple[int, ...]) -> np.ndarray:
@@ -334,16 +298,18 @@ def _checked(name: str, values: np.ndarray, dtype: type, shape: tuple[int, ...])
     return array
 
 
-def _run(batch: _Batch, call: tuple, arrays: tuple, progress: Callable[[int], None] | None) -> None:
+def _run(
+    batch: _Batch, task: bytes, isa: bytes, threads: int, progress: Callable[[int], None] | None
+) -> None:
     """The native call, in a thread of its own so that Ctrl-C and progress get through."""
     run = _library().designrl_engine_run
     status, done = [], threading.Event()
 
-    def target(arrays=arrays):
-        # Holds the arrays: after a Ctrl-C at the wrong moment the caller may be gone before the
+    def target():
+        # Holds the batch: after a Ctrl-C at the wrong moment the caller may be gone before the
         # call is. (Thread.join() of Python 3.11 is no help, an interrupt ends it for good.)
         try:
-            status.append(run(*call))
+            status.append(run(ctypes.byref(batch), task, isa, threads))
         finally:
             done.set()
 

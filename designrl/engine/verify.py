@@ -6,8 +6,8 @@
 Each episode is run in the Gymnasium environment and in the engine: every observation, the return
 and the length must have the same bits. Designs, policies and seeds are random; policies are random
 networks, some of other sizes than the experiments', and the author's trained ones where there is a
-zoo (DESIGNRL_ZOO). All kinds of episode take turns: both terrains, both
-LIDARs, with and without shaped rewards and those of smaller legs.
+zoo (DESIGNRL_ZOO). All kinds of episode take turns: both terrains, both LIDARs, with and without
+shaped rewards and those of smaller legs.
 """
 
 import argparse
@@ -15,14 +15,16 @@ import os
 import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import gymnasium
 import numpy as np
+from gymnasium.wrappers import TransformObservation
 from tqdm import tqdm
 
 from designrl import engine
+from designrl.bodies.walker import WALKER
 from designrl.checkpoint import load
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
 from designrl.policy import Agent
@@ -37,59 +39,49 @@ OTHER_NETWORKS = (Network((24, 16, 4)), Network((24, 4)), Network((24, 64, 32, 4
 
 @dataclass(frozen=True)
 class Case:
-    """One episode to compare.
+    """One episode of a walker to compare.
 
     Attributes:
         kind: what the policy is, for the report.
-        episodes: the task and its rewards.
+        experiment: its name.
         parameters: (P,) flat vector of network and design.
         seed: of the episode.
+        network: where it is another than the experiment's.
+        shaped: with shaped rewards.
+        env_kwargs: keywords of the environment.
     """
 
     kind: str
-    episodes: Episodes
+    experiment: str
     parameters: np.ndarray
     seed: int
+    network: Network | None = None
+    shaped: bool = False
+    env_kwargs: dict = field(default_factory=dict)
 
-
-def walker_case(
-    kind: str,
-    experiment: str,
-    parameters: np.ndarray,
-    seed: int,
-    network: Network | None = None,
-    shaped: bool = False,
-    **env_kwargs,
-) -> Case:
-    """A case on one of the walkers; `network` where it is another than the experiment's."""
-    found = get_experiment(experiment)
-    found = replace(found, network=network or found.network)
-    shaping = found.shaping if shaped else None
-    return Case(kind, Episodes(found, found.network, env_kwargs, shaping), parameters, seed)
-
-
-class _Recorder(gymnasium.Wrapper):
-    """Keeps the observations of the last episode."""
-
-    def reset(self, **kwargs):
-        observation, info = self.env.reset(**kwargs)
-        self.observations = [observation]
-        return observation, info
-
-    def step(self, action):
-        step = self.env.step(action)
-        self.observations.append(step[0])
-        return step
+    @property
+    def episodes(self) -> Episodes:
+        """The kind of episode, as a simulator has it."""
+        found = get_experiment(self.experiment)
+        network = self.network or found.network
+        shaping = found.shaping if self.shaped else None
+        return Episodes(replace(found, network=network), network, self.env_kwargs, shaping)
 
 
 def run_reference(case: Case) -> tuple[float, int, np.ndarray]:
     """(return, steps, observations (steps + 1, O)) of one episode in Gymnasium's environment."""
-    episodes = case.episodes
+    episodes, seen = case.episodes, []
+
+    def keep(observation):
+        seen.append(observation)
+        return observation
+
     env_id = episodes.experiment.env_id
-    env = _Recorder(gymnasium.make(env_id, disable_env_checker=True, **episodes.env_kwargs))
+    env = gymnasium.make(env_id, disable_env_checker=True, **episodes.env_kwargs)
     agent = Agent(episodes.experiment, case.parameters, episodes.network)
+    env = TransformObservation(env, keep, env.observation_space)
     total, steps = run_episode(env, agent, case.seed, episodes.shaping)
-    return total, steps, np.array(env.observations)
+    return total, steps, np.array(seen)
 
 
 def run_engine(case: Case, isa: str | None = None) -> tuple[float, int, np.ndarray]:
@@ -131,20 +123,18 @@ def zoo_policies() -> list[tuple[str, np.ndarray]]:
     """(experiment, (2812,) parameters) of the author's walkers; empty without a zoo."""
     folder, policies = zoo_folder(), []
     size = get_experiment(TERRAINS[0]).num_parameters
-    for name in EXPERIMENTS if folder else ():
-        if get_experiment(name).body is not get_experiment(TERRAINS[0]).body:
-            continue
-        for path in published_runs(folder, name).values():
-            parameters = load(path, name).parameters
-            # A design parameter of 0 is the original size.
-            policies.append((name, np.pad(parameters, (0, size - parameters.size))))
+    for name, experiment in EXPERIMENTS.items():
+        if folder and experiment.body is WALKER:
+            for path in published_runs(folder, name).values():
+                parameters = load(path, name).parameters
+                # A design parameter of 0 is the original size.
+                policies.append((name, np.pad(parameters, (0, size - parameters.size))))
     return policies
 
 
 def make_cases(episodes: int, seed: int = 0) -> list[Case]:
     """Episodes of all kinds in turn; the same ones for the same seed."""
     rng = np.random.default_rng(seed)
-    dimensions = get_experiment(TERRAINS[0]).design.size
     kinds = list(product(TERRAINS, ("v2", "v3"), (False, True), (False, True)))
     policies = zoo_policies()
     cases = []
@@ -156,7 +146,7 @@ def make_cases(episodes: int, seed: int = 0) -> list[Case]:
         own = get_experiment(experiment).network
         network = OTHER_NETWORKS[i % len(OTHER_NETWORKS)] if turn == 1 else own
         split = network.num_parameters
-        parameters = rng.standard_normal(split + dimensions)
+        parameters = rng.standard_normal(split + WALKER.design.size)
         parameters[:split] *= rng.choice(WEIGHT_STDS)
         kind = "random"
         if policies and turn == 2:
@@ -168,7 +158,7 @@ def make_cases(episodes: int, seed: int = 0) -> list[Case]:
                 parameters[:split] = trained[:split]
         seed = int(rng.integers(2 ** int(rng.choice([10, 31, 63]))))
         about = {"lidar": lidar, "leg_area_reward": smaller}
-        cases.append(walker_case(kind, experiment, parameters, seed, network, shaped, **about))
+        cases.append(Case(kind, experiment, parameters, seed, network, shaped, about))
     return cases
 
 
@@ -181,8 +171,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     options = parser.parse_args(arguments)
-    reason = engine.missing_reason()
-    if reason:
+    if reason := engine.missing_reason():
         print(f"nothing to verify: {reason}", file=sys.stderr)
         return 2
     cases = make_cases(options.episodes, options.seed)
@@ -194,19 +183,18 @@ def main(arguments: list[str] | None = None) -> int:
         results = pool.map(compare, cases, chunksize=4)
         for case, (length, found) in zip(tqdm(cases, unit="episode"), results, strict=True):
             steps += length
-            kind = "trained" if case.kind != "random" else "random"
-            counts[kind, case.episodes.experiment.env_id] += 1
+            kind = "random" if case.kind == "random" else "trained"
+            counts[kind, case.experiment] += 1
             if found:
                 differences.append((case, found))
-    for (kind, env_id), count in sorted(counts.items()):
-        print(f"{count:6d} episodes, {kind} policies, {env_id}")
+    for (kind, experiment), count in sorted(counts.items()):
+        print(f"{count:6d} episodes, {kind} policies, {experiment}")
     print(
         f"{len(cases)} episodes, {steps} steps ({isa}): "
         f"{len(cases) - len(differences)} equal in every bit, {len(differences)} different"
     )
     for case, found in differences[:10]:
-        case = replace(case, parameters=None)
-        print(f"DIFFERENT {found}\n    {case}", file=sys.stderr)
+        print(f"DIFFERENT {found}\n    {replace(case, parameters=None)}", file=sys.stderr)
     return 1 if differences else 0
 
 

@@ -3,10 +3,14 @@
     make bench
 
 All run the hardcore task from episode to episode, resets included, on random policies (EnvPool and
-plain Gymnasium: random actions, no policy at all, which favours them).
+plain Gymnasium: random actions, no policy at all, which favours them). Before each round of a
+benchmark the reference runs for a moment, and the ratio is the median over the rounds, so that a
+machine whose speed drifts still gives the same ratio.
 """
 
 import os
+from functools import partial
+from itertools import count
 
 import gymnasium
 import numpy as np
@@ -20,104 +24,78 @@ from designrl.policy import Agent
 from designrl.simulation import run_episode
 
 REASON = engine.missing_reason()
+CORES = len(os.sched_getaffinity(0))
 CANDIDATES, ROLLOUTS = 192, 2  # the paper's population
-WEIGHT_STD = 0.3
 EXPERIMENT = get_experiment("biped-hardcore")
+POLICIES = 0.3 * np.random.default_rng(0).standard_normal((CANDIDATES, EXPERIMENT.num_parameters))
 REFERENCE_STEPS = 1500
-GROUP = pytest.mark.benchmark(group="walker rollouts")
+plain_walker = partial(RandomActions, "BipedalWalkerHardcore-v3")
+needs_engine = pytest.mark.skipif(REASON is not None, reason=str(REASON))
 
 
-def random_policies():
-    rng = np.random.default_rng(0)
-    return WEIGHT_STD * rng.standard_normal((CANDIDATES, EXPERIMENT.num_parameters))
+# Each of these sets up something to measure, and returns a function that runs some steps of it and
+# returns how many.
 
 
-class Reference:
+def reference():
     """Whole episodes of the random policies in turn, in the Gymnasium environment."""
+    env = gymnasium.make(EXPERIMENT.env_id, disable_env_checker=True)
+    agents = [Agent(EXPERIMENT, parameters) for parameters in POLICIES]
+    episodes = count()
 
-    def __init__(self):
-        self.env = gymnasium.make(EXPERIMENT.env_id, disable_env_checker=True)
-        self.agents = [Agent(EXPERIMENT, parameters) for parameters in random_policies()]
-        self.episode = 0
-
-    def __call__(self) -> int:
+    def run():
         steps = 0
         while steps < REFERENCE_STEPS:
-            agent = self.agents[self.episode % CANDIDATES]
-            steps += run_episode(self.env, agent, seed=self.episode)[1]
-            self.episode += 1
+            episode = next(episodes)
+            steps += run_episode(env, agents[episode % CANDIDATES], seed=episode)[1]
         return steps
 
+    return run
 
-class Engine:
+
+def compiled(threads):
     """One generation of the random policies."""
-
-    def __init__(self, threads):
-        self.batch = {
-            "task": engine_task(EXPERIMENT.env_id)[0],
-            "sizes": EXPERIMENT.network.sizes,
-            "weights": random_policies(),
-            "designs": np.ones((CANDIDATES, 8)),
-            "reward_factors": np.ones(CANDIDATES),
-            "seeds": np.arange(CANDIDATES * ROLLOUTS).reshape(CANDIDATES, ROLLOUTS),
-            "threads": threads,
-        }
-
-    def __call__(self) -> int:
-        return int(engine.rollout(**self.batch)[1].sum())
+    task, _ = engine_task(EXPERIMENT.env_id)
+    seeds = np.arange(CANDIDATES * ROLLOUTS).reshape(CANDIDATES, ROLLOUTS)
+    batch = POLICIES, np.ones((CANDIDATES, 8)), np.ones(CANDIDATES), seeds
+    return lambda: engine.rollout(task, EXPERIMENT.network.sizes, *batch, threads=threads)[1].sum()
 
 
-class EnvPool:
+def envpool():
     """EnvPool's C++ walker under random actions, in one thread."""
+    reason = "EnvPool is not installed: pip install envpool==1.2.5"
+    module = pytest.importorskip("envpool", reason=reason)
+    walkers, steps = 16, 400
+    env = module.make(
+        "BipedalWalkerHardcore-v3", env_type="gymnasium", num_envs=walkers, num_threads=1
+    )
+    env.reset()
+    actions = np.random.default_rng(0).uniform(-1, 1, (steps, walkers, 4)).astype(np.float32)
 
-    COUNT, STEPS = 16, 400
+    def run():
+        for each in actions:
+            env.step(each)
+        return walkers * steps
 
-    def __init__(self):
-        reason = "EnvPool is not installed: pip install envpool==1.2.5"
-        envpool = pytest.importorskip("envpool", reason=reason)
-        self.env = envpool.make(
-            "BipedalWalkerHardcore-v3", env_type="gymnasium", num_envs=self.COUNT, num_threads=1
-        )
-        self.env.reset()
-        rng = np.random.default_rng(0)
-        self.actions = rng.uniform(-1, 1, (self.STEPS, self.COUNT, 4)).astype(np.float32)
-
-    def __call__(self) -> int:
-        for actions in self.actions:
-            self.env.step(actions)
-        return self.COUNT * self.STEPS
+    return run
 
 
 @pytest.fixture(scope="module")
-def reference():
-    return Reference()
+def beside():
+    return reference()
 
 
-@GROUP
-def test_gymnasium_random_actions(measure, reference):
-    measure(RandomActions("BipedalWalkerHardcore-v3"), reference)
-
-
-@GROUP
-def test_envpool_random_actions_one_thread(measure, reference):
-    measure(EnvPool(), reference)
-
-
-@GROUP
-def test_reference(measure, reference):
-    measure(Reference(), reference)
-
-
-@GROUP
-@pytest.mark.skipif(REASON is not None, reason=str(REASON))
-def test_engine_one_thread(benchmark, measure, reference):
-    measure(Engine(threads=1), reference)
-    benchmark.extra_info["instruction_set"] = engine.instruction_set()
-
-
-@GROUP
-@pytest.mark.skipif(REASON is not None, reason=str(REASON))
-def test_engine_all_cores(benchmark, measure, reference):
-    measure(Engine(threads=None), reference)
-    benchmark.extra_info["cores"] = len(os.sched_getaffinity(0))
+@pytest.mark.benchmark(group="walker rollouts")
+@pytest.mark.parametrize(
+    "subject",
+    [
+        pytest.param(plain_walker, id="gymnasium, random actions"),
+        pytest.param(envpool, id="EnvPool, random actions, one thread"),
+        pytest.param(reference, id="reference"),
+        pytest.param(partial(compiled, 1), id="engine, one thread", marks=needs_engine),
+        pytest.param(partial(compiled, CORES), id=f"engine, {CORES} cores", marks=needs_engine),
+    ],
+)
+def test_rollouts(benchmark, measure, subject, beside):
+    measure(subject(), beside)
     benchmark.extra_info["instruction_set"] = engine.instruction_set()

@@ -60,9 +60,8 @@ void work(const TaskEntry& task, Batch& batch, int64_t share) {
 
 extern "C" {
 
-// Sizes of Batch and TaskEntry, so that a caller written against another layout notices.
+// Size of Batch, so that a caller written against another layout notices.
 int64_t designrl_engine_batch_bytes() { return sizeof(Batch); }
-int64_t designrl_engine_task_bytes() { return sizeof(TaskEntry); }
 
 // The instruction set that a name stands for ("" or null: the best one), or null if this processor
 // does not have it.
@@ -71,9 +70,15 @@ const char* designrl_engine_isa(const char* name) {
   return variant ? variant->name : nullptr;
 }
 
-// What a task says of itself, or null if there is none of that name.
-const TaskEntry* designrl_engine_task(const char* name) {
-  return find_task(find_variant(nullptr), name);
+// What a task says of itself: the names of its flags, and how many observations, actions and
+// dimensions it has. Null if there is none of that name.
+const char* designrl_engine_describe(const char* name, int32_t counts[3]) {
+  const TaskEntry* task = find_task(find_variant(nullptr), name);
+  if (!task) return nullptr;
+  counts[0] = task->observations;
+  counts[1] = task->actions;
+  counts[2] = task->design;
+  return task->flags;
 }
 
 // One action of a policy of any sizes up to designrl_policy_widest(), for episodes elsewhere.

@@ -1,6 +1,6 @@
 // What a rollout of many episodes is asked for and where its results go, and what a task says of
-// itself. Shared by the code of all instruction sets and, field by field, by
-// designrl/engine/__init__.py.
+// itself. Shared by the code of all instruction sets; the batch, field by field, by
+// designrl/engine/__init__.py, too.
 #pragma once
 
 #include <cstddef>
