@@ -9,6 +9,7 @@ from pathlib import Path
 
 from designrl.errors import InputError
 
+RUNS = 10
 # Experiment -> its run 1 in the folder zoo/, and its runs 2 to 10 in zoo/more/, followed there by
 # their number.
 FILES = {
@@ -63,7 +64,7 @@ def published(zoo: str | Path, experiment: str, run: int = 1) -> Path:
 def published_runs(zoo: str | Path, experiment: str) -> dict[int, Path]:
     """Those of the author's runs 1 to 10 that are there."""
     found = {}
-    for run in range(1, 11):
+    for run in range(1, RUNS + 1):
         with suppress(InputError):
             found[run] = published(zoo, experiment, run)
     return found
