@@ -25,7 +25,7 @@ def measure(benchmark):
         benchmark.pedantic(
             lambda: rates.append(rate(subject)),
             setup=lambda: reference_rates.append(rate(reference)),
-            rounds=7,
+            rounds=9,
             warmup_rounds=1,
         )
         ratios = [a / b for a, b in zip(rates[1:], reference_rates[1:], strict=True)]
