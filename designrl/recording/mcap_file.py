@@ -6,6 +6,7 @@ reader opens, up to the last seal.
 """
 
 import contextlib
+import io
 import json
 import os
 import signal
@@ -52,21 +53,13 @@ def uninterrupted():
             signal.raise_signal(held[0])
 
 
-class _Tail:
+class _Tail(io.BytesIO):
     """What an `mcap.writer.Writer` has written since the last seal, before it is in the file."""
 
-    def __init__(self):
-        self.start, self.data = 0, bytearray()
+    start = 0  # of it in the file
 
     def tell(self) -> int:
-        return self.start + len(self.data)
-
-    def write(self, data: bytes) -> int:
-        self.data += data
-        return len(data)
-
-    def flush(self) -> None:
-        """Nothing: only a seal writes to the file."""
+        return self.start + super().tell()
 
 
 class McapFile:
@@ -122,7 +115,6 @@ class McapFile:
             names: of the elements of its arrays.
             unit: of their values, where it is not always the same.
         """
-
         if topic not in self._channels:
             kind = type(message)
             definition = build_file_descriptor_set(kind).SerializeToString()
@@ -167,23 +159,24 @@ class McapFile:
         self._writer.flush()  # ends the chunk
         end = self._tail.tell()
         self._writer.finish()
-        data, start = bytes(self._tail.data), self._tail.start
+        data, start = self._tail.getvalue(), self._tail.start
+        descriptor, written = self._file.fileno(), 0
         try:
             # In one call: a kill finds the file with the old end or with the new one.
-            written = os.pwrite(self._file.fileno(), data, start)
-            while written < len(data):
-                written += os.pwrite(self._file.fileno(), data[written:], start + written)
+            while written < len(data):  # where the disk is full, less is written at first
+                written += os.pwrite(descriptor, data[written:], start + written)
             if durable:
-                os.fsync(self._file.fileno())
+                os.fsync(descriptor)
         except OSError as error:
             with contextlib.suppress(OSError):  # its space is still ours
-                os.pwrite(self._file.fileno(), self._end, start)
-                os.ftruncate(self._file.fileno(), start + len(self._end))
-            self.abandon()
+                os.pwrite(descriptor, self._end, start)
+                os.ftruncate(descriptor, start + len(self._end))
+            self.close()
             raise self._failure(error) from None
         self._end = data[end - start :]
         self._tail.start = end
-        self._tail.data.clear()
+        self._tail.seek(0)
+        self._tail.truncate()
         self._sealed = time.monotonic()
         self._seal_seconds = self._sealed - begin
 
@@ -193,16 +186,10 @@ class McapFile:
         try:
             replace(self._temporary, self.path)
         except OSError as error:
-            self.abandon()
+            self.close()
             raise self._failure(error) from None
 
     def close(self) -> None:
-        """Seal and close; does nothing the second time."""
-        if self._file is not None:
-            self.seal()
-            self.abandon()
-
-    def abandon(self) -> None:
         """Close without a seal, and remove the file if it was not published."""
         if self._file is not None:
             self._file.close()

@@ -33,6 +33,9 @@ class RolloutWriter:
         env: an environment with a `designrl.bodies.Body` as its `body`, already reset.
         metadata: what to say of the rollout.
 
+    Attributes:
+        score: sum of the rewards so far.
+
     Raises (every method):
         RecordingError: the file cannot be written.
     """
@@ -41,7 +44,7 @@ class RolloutWriter:
         self._env, self._body = env.unwrapped, env.unwrapped.body
         parts = list(self._body.tree)
         self._parent_indices = [parts.index(p) for p in list(self._body.tree.values())[1:]]
-        self._step, self._total, self._shown_at = 0, 0.0, None
+        self._step, self._shown_at, self.score = 0, None, 0.0
         self._file = McapFile(path)
         self._file.metadata(ROLLOUT, metadata)  # first, so that a file that was cut has it
         robot = "/robot_description"
@@ -62,8 +65,7 @@ class RolloutWriter:
     def _write_poses(self) -> None:
         now = self._now()
         positions, rotations = self._body.poses(self._env)
-        place = positions[0].copy()
-        parents = self._parent_indices
+        place, parents = positions[0].copy(), self._parent_indices
         hanging = (positions[parents], rotations[parents]), (positions[1:], rotations[1:])
         positions[1:], rotations[1:] = relative(*hanging)
         message = FrameTransforms()
@@ -99,9 +101,9 @@ class RolloutWriter:
 
         self._step += 1
         after = self._now()
-        self._total += float(reward)
+        self.score += float(reward)
         terms = info.get("reward_terms", {"reward": reward})
-        message = schema.Reward(step=step, reward=reward, total=self._total, terms=terms.values())
+        message = schema.Reward(step=step, reward=reward, total=self.score, terms=terms.values())
         write("/reward", message, after, step, list(terms))
         if (states := body.joint_states(env)) is not None:
             angles, speeds, torques = states
@@ -116,25 +118,16 @@ class RolloutWriter:
             write("/lidar", message, after, step)
         self._write_poses()
 
-    @property
-    def score(self) -> float:
-        """Sum of the rewards so far."""
-        return self._total
-
-    def close(self) -> None:
-        """Put the file in place."""
-        self._file.metadata(ROLLOUT, {"score": self._total, "steps": self._step})
-        self._file.metadata(END, {"finished": "true"})
-        self._file.publish()
-        self._file.abandon()
-
     def __enter__(self) -> "RolloutWriter":
         return self
 
     def __exit__(self, kind, error, traceback) -> None:
+        """Put the file in place, unless the episode has failed."""
         if kind is None:
-            self.close()
-        self._file.abandon()
+            self._file.metadata(ROLLOUT, {"score": self.score, "steps": self._step})
+            self._file.metadata(END, {"finished": "true"})
+            self._file.publish()
+        self._file.close()
 
 
 def _caption(metadata: dict) -> str:

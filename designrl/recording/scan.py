@@ -53,19 +53,14 @@ class Scan:
         return self.schemas.get(channel.schema_id) or Schema(0, b"", "", "")
 
 
-class _DamageError(Exception):
+class _DamageError(ValueError):
     """The file makes no sense from here on; the message says why."""
 
 
-# What parsing a damaged record can raise.
-_PARSE_ERRORS = (
-    _DamageError,
-    struct.error,
-    McapError,
-    UnicodeDecodeError,
-    RuntimeError,
-    OverflowError,  # a length of 2⁶³ or more
-)
+# What parsing a damaged record can raise; of numbers, a length of 2⁶³ or more.
+_PARSE_ERRORS = (ValueError, struct.error, McapError, RuntimeError, OverflowError)
+_IN_CHUNKS = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
+_READ = (*_IN_CHUNKS, Opcode.CHUNK, Opcode.METADATA)
 
 
 def _parse(kind, body: bytes):
@@ -111,9 +106,6 @@ def _inside(opcode: int, body: bytes) -> Iterator[tuple[int, bytes]]:
         position += length
 
 
-_IN_CHUNKS = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
-
-
 def _message(body: bytes) -> Message:
     channel_id, sequence, log_time, publish_time = struct.unpack_from("<HIQQ", body)
     if log_time >= 2**63:
@@ -145,9 +137,6 @@ def scan(path: str | Path) -> Scan:
     return found
 
 
-_READ = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
-
-
 def _scan_records(file, size: int, found: Scan) -> str | None:
     """Fill in `found`; returns why the file ended early, or None."""
     room = FREE_BYTES + MAX_GROWTH * size  # for what chunks decompress to
@@ -174,12 +163,14 @@ def _scan_records(file, size: int, found: Scan) -> str | None:
                 room -= _parse(Chunk, body).uncompressed_size
                 if room < 0:
                     return "its chunks declare an absurd size"
-            _scan_block(opcode, body, (offset, length + 9), found)
+            _scan_block(opcode, body, found)
         except _PARSE_ERRORS as error:
             return str(error) if isinstance(error, _DamageError) else "a record is damaged"
+        if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
+            found.blocks.append((offset, length + 9))
 
 
-def _scan_block(opcode: int, body: bytes, place: tuple[int, int], found: Scan) -> None:
+def _scan_block(opcode: int, body: bytes, found: Scan) -> None:
     # All of a block or none of it: what is counted here is what `messages` will yield.
     counts, times = Counter(), found.times
     for inner, data in _inside(opcode, body):
@@ -197,8 +188,6 @@ def _scan_block(opcode: int, body: bytes, place: tuple[int, int], found: Scan) -
         elif inner == Opcode.METADATA:
             record = _parse(Metadata, data)
             found.metadata.append((record.name, record.metadata))
-    if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
-        found.blocks.append(place)
     found.counts.update(counts)
     found.times = times
 
