@@ -85,6 +85,7 @@ def write_run(path, indices, **kwargs):
                 writer.evaluation(**evaluation(index))
             if index % 2:
                 writer.flush()  # as time would have it
+        writer.close()  # so that it is closed twice
 
 
 def count_by_others(path) -> int:
@@ -137,7 +138,7 @@ def test_the_generated_module_is_that_of_the_proto_file():
 def test_run_reads_back_to_the_bit(run):
     recording = read(run)
     assert recording.kind == "run" and recording.complete and recording.problem is None
-    assert recording.metadata == HELD
+    assert recording.metadata == HELD and "incomplete" not in describe(run)
     each = dict.fromkeys(("/design", "/distribution", "/returns", "/summary"), 12)
     assert recording.topics == {**each, "/evaluation": 2} and count_by_others(run) == 4 * 12 + 2
     assert np.array_equal(recording.generations, np.arange(12))
@@ -192,25 +193,7 @@ def test_rollouts_per_candidate_may_change_in_a_run(tmp_path):
 # ---------------------------------------------------------------------- crashes and resumes
 
 
-def test_a_file_is_whole_before_it_is_closed(tmp_path):
-    path = tmp_path / "run.mcap"
-    writer = RunWriter(path, ABOUT)
-    for index in range(5):
-        writer.generation(**generation(index))
-        writer.flush()
-        assert count_by_others(path) == 4 * (index + 1)
-        recording = read(path)
-        assert recording.problem is None and not recording.complete
-        assert recording.generations[-1] == index
-    assert "incomplete (the run has not ended, or was killed): it goes up to generation 4" in (
-        describe(path)
-    )
-    writer.close()
-    writer.close()
-    assert read(path).complete and "incomplete" not in describe(path)
-
-
-def test_a_killed_process_leaves_a_readable_file(tmp_path):
+def test_a_killed_process_leaves_a_whole_file(tmp_path):
     path = tmp_path / "run.mcap"
     script = (
         "import sys, time; sys.path[:0] = ['tests']\n"
@@ -225,8 +208,12 @@ def test_a_killed_process_leaves_a_readable_file(tmp_path):
     process.send_signal(signal.SIGKILL)
     process.wait()
     recording = read(path)
-    assert recording.generations[-1] >= done
-    assert np.array_equal(recording.generations, np.arange(len(recording.generations)))
+    last = len(recording.generations) - 1
+    assert last >= done and np.array_equal(recording.generations, np.arange(last + 1))
+    assert recording.problem is None and not recording.complete
+    assert count_by_others(path) == 4 * (last + 1)
+    why = "incomplete (the run has not ended, or was killed)"
+    assert f"{why}: it goes up to generation {last}" in describe(path)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -253,12 +240,13 @@ def test_an_interrupt_waits_until_the_record_is_whole(number, tmp_path, monkeypa
     assert "incomplete (the run was stopped): it goes up to generation 3" in describe(path)
 
 
-@pytest.mark.parametrize("kind", ["run", "rollout"])
-def test_cut_anywhere_a_file_is_read_up_to_there(kind, run, rollout, tmp_path):
-    source = {"run": run, "rollout": rollout}[kind]
-    data, whole, path = source.read_bytes(), read(source), tmp_path / "cut.mcap"
-    topic, field = ("/returns", "returns") if kind == "run" else ("/observation", "values")
-    expected = whole.array(topic, field)
+@pytest.mark.parametrize(
+    ("kind", "topic", "field"),
+    [("run", "/returns", "returns"), ("rollout", "/observation", "values")],
+)
+def test_cut_anywhere_a_file_is_read_up_to_there(kind, topic, field, request, tmp_path):
+    source, path = request.getfixturevalue(kind), tmp_path / "cut.mcap"
+    data, expected = source.read_bytes(), read(source).array(topic, field)
     lengths, nothing = set(), 0
     for cut in [50, *np.random.default_rng(0).integers(0, len(data), 200)]:
         path.write_bytes(data[:cut])
@@ -507,21 +495,14 @@ def test_a_negative_seed_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_two_processes_do_not_write_into_one_file(tmp_path):
-    script = (
-        "import sys; from designrl.recording.mcap_file import McapFile\n"
-        "file = McapFile(sys.argv[1]); file.metadata('from', {'who': 'other'})\n"
-        "print(flush=True); sys.stdin.read(); file.publish(); file.close()\n"
-    )
-    path = tmp_path / "x.mcap"
-    with subprocess.Popen(
-        [sys.executable, "-c", script, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
-        other.stdout.readline()
-        file = McapFile(path)
-        file.metadata("from", {"who": "this"})
+def test_two_processes_do_not_write_into_one_file(tmp_path, monkeypatch):
+    path, files = tmp_path / "x.mcap", {}
+    for process in ("1", "2"):
+        monkeypatch.setattr(os, "getpid", lambda number=process: int(number))
+        files[process] = McapFile(path)
+        files[process].metadata("from", {"process": process})
+    for process, file in files.items():
         file.publish()
         file.close()
-        assert read(path).metadata_records == [("from", {"who": "this"})]
-    assert read(path).metadata_records == [("from", {"who": "other"})]
+        assert read(path).metadata_records == [("from", {"process": process})]
     assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]

@@ -10,11 +10,11 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
-from mcap.records import Message
+from mcap.records import Channel
 
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, RecordingError
-from designrl.recording.scan import messages, scan
+from designrl.recording.scan import Scan
 
 # Only messages that we know are decoded: definitions in a stranger's file are not followed.
 _CLASSES = {
@@ -39,27 +39,18 @@ _KINDS = {
 }
 
 
-class Recording:
-    """A recording; use `read` to open one. Messages are decoded when they are asked for.
+class Recording(Scan):
+    """A recording; use `read` to open one. Messages are decoded when they are asked for."""
 
-    Attributes:
-        path: the file.
-        problem: why the file ends early, in words; None for a whole file.
-        metadata_records: all metadata in the file's order: name and values of each record.
-        scan: what the file holds, not decoded.
-    """
-
-    def __init__(self, path: str | Path):
-        self.scan = scan(path)
-        self.path, self.problem = self.scan.path, self.scan.problem
-        self.metadata_records = self.scan.metadata
-        self._channels = {channel.topic: channel for channel in self.scan.channels.values()}
+    @cached_property
+    def _channels(self) -> dict[str, Channel]:
+        return {channel.topic: channel for channel in self.channels.values()}
 
     @property
     def kind(self) -> str:
         """ "run", "rollout", or "unknown" for files that are not ours."""
         # Topics and names of metadata are too plain to tell: others use the same.
-        types = {self.scan.schema(channel).name for channel in self._channels.values()}
+        types = {self.schema(channel).name for channel in self._channels.values()}
         about = {name for name, values in self.metadata_records if "experiment" in values}
         for kind, message in ((RUN, schema.Summary), (ROLLOUT, schema.Observation)):
             if message.DESCRIPTOR.full_name in types or kind in about:
@@ -85,14 +76,14 @@ class Recording:
     def topics(self) -> dict[str, int]:
         """Topic -> number of messages."""
         return {
-            topic: self.scan.counts.get(channel.id, 0)
+            topic: self.counts.get(channel.id, 0)
             for topic, channel in sorted(self._channels.items())
         }
 
     @property
     def seconds(self) -> float:
         """s between the first and the last message."""
-        first, last = self.scan.times or (0, 0)
+        first, last = self.times or (0, 0)
         return (last - first) / 1e9
 
     def names(self, topic: str) -> list[str]:
@@ -116,21 +107,18 @@ class Recording:
         """Unit of the topic's dimensions, where it depends on the body."""
         return self._channel(topic).metadata.get("unit", "")
 
-    def raw(self, topic: str) -> Iterator[Message]:
-        """The topic's messages as they are in the file."""
-        return messages(self.scan, {self._channel(topic).id})
-
     def messages(self, topic: str) -> Iterator:
         """The topic's messages, decoded (protobuf objects; text for /robot_description).
 
         Raises:
             RecordingError: no such topic, or messages that are not of this package's kinds.
         """
-        name = self.scan.schema(self._channel(topic)).name
+        channel = self._channel(topic)
+        name = self.schema(channel).name
         kind = _CLASSES.get(name)
         if kind is None and name != "std_msgs/msg/String":
             raise RecordingError(f"{topic} in {self.path} has messages of unknown type {name!r}")
-        for message in self.raw(topic):
+        for message in self.raw({channel.id}):
             try:
                 yield kind.FromString(message.data) if kind else message.data[8:-1].decode()
             except (DecodeError, UnicodeDecodeError):
@@ -162,8 +150,8 @@ class Recording:
         """
         channel = self._channel(topic)
         if field == "log_time":
-            return np.array([m.log_time for m in self.raw(topic)], dtype=np.int64)
-        kind = _CLASSES.get(self.scan.schema(channel).name)
+            return np.array([m.log_time for m in self.raw({channel.id})], dtype=np.int64)
+        kind = _CLASSES.get(self.schema(channel).name)
         found = kind.DESCRIPTOR.fields_by_name.get(field) if kind else None
         if found is None or found.type not in _DTYPES:
             fields = kind.DESCRIPTOR.fields if kind else ()

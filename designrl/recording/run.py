@@ -18,7 +18,6 @@ from designrl.recording.mcap_file import (
     uninterrupted,
 )
 from designrl.recording.reader import Recording, read
-from designrl.recording.scan import messages
 
 # Nearly all of a run's bytes, and of how many times as many generations a thinned copy has them.
 HEAVY_TOPICS = {"/distribution": 1, "/returns": 1, "/design": 10}
@@ -189,12 +188,11 @@ def _gap(held, stop: int) -> str:
 
 def _copy(target: McapFile, source: Recording, keep) -> None:
     """Copy the messages for which keep(topic, generation) holds."""
-    found = source.scan
-    for channel in found.channels.values():
-        old = found.schema(channel)
+    for channel in source.channels.values():
+        old = source.schema(channel)
         target.add_channel(channel.topic, old.name, old.encoding, old.data, channel.metadata)
-    for message in messages(found, set(found.channels)):
-        topic = found.channels[message.channel_id].topic
+    for message in source.raw(source.channels):
+        topic = source.channels[message.channel_id].topic
         if keep(topic, message.sequence):
             target.message(topic, message.log_time, message.sequence, message.data)
             target.seal_if_due()
