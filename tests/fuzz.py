@@ -20,7 +20,6 @@ import signal
 import struct
 import sys
 import tempfile
-import traceback
 import zlib
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
@@ -39,9 +38,6 @@ from test_recording import evaluation, generation  # noqa: E402
 
 from designrl import checkpoint  # noqa: E402
 from designrl.errors import InputError  # noqa: E402
-from designrl.experiments import get_experiment  # noqa: E402
-from designrl.policy import Agent  # noqa: E402
-from designrl.provenance import versions  # noqa: E402
 from designrl.recording import RunWriter, describe, read, record_rollout, schema_pb2  # noqa: E402
 from designrl.settings import TrainSettings  # noqa: E402
 from designrl.train import TrainingRun  # noqa: E402
@@ -63,21 +59,17 @@ class FuzzError(Exception):
 
 def originals(folder: Path) -> dict[str, bytes]:
     """A whole file of each kind; the same bytes wherever it matters."""
-    experiment, rng = get_experiment(EXPERIMENT), np.random.default_rng(0)
-    parameters = 0.1 * rng.standard_normal(experiment.num_parameters).round(4)
-    about = {"seed": 0, "generation": 3, "score": 1.5, "settings": {"population": 4}}
-    agent = Agent(experiment, parameters, metadata={**about, "versions": versions()})
+    agent = checkpoint.load(ROOT / "pretrained" / EXPERIMENT / "seed7.safetensors")
     checkpoint.save(agent, folder / "f.safetensors")
     TrainingRun(TrainSettings.of(EXPERIMENT), folder / "run")._save_state()
-    (folder / "f.json").write_text(json.dumps([parameters.tolist(), 12.5]))
+    (folder / "f.json").write_text(json.dumps([agent.parameters.round(4).tolist(), 12.5]))
     with RunWriter(folder / "f.mcap", {"experiment": EXPERIMENT, "seed": "0"}) as writer:
         for index in range(3):
-            few = {"mu": parameters, "sigma": np.full(parameters.size, 0.1)}  # of their bytes
-            writer.generation(**generation(index) | few)
+            writer.generation(**generation(index))
             writer.evaluation(**evaluation(index))
             writer.flush()
     record_rollout(agent, folder / "r.mcap", seed=0)
-    return {kind: (folder / name).read_bytes() for kind, (name, _, _) in KINDS.items()}
+    return {kind: (folder / name).read_bytes() for kind, (name, *_) in KINDS.items()}
 
 
 # ------------------------------------------------------------------------------- damage
@@ -94,22 +86,20 @@ def damage_bytes(data: bytes, rng: random.Random) -> bytes:
     """Change, cut, repeat or insert bytes, anywhere or near the beginning."""
     data = bytearray(data)
     for _ in range(rng.choice([1, 1, 2, 5, 20])):
-        reach = rng.choice([16, 300, len(data), len(data)])
-        place = rng.randrange(max(1, min(reach, len(data))))
-        what = rng.randrange(7)
-        if what <= 1 and data:
-            data[place : place + 1] = bytes([rng.randrange(256)])
-        elif what == 2:
-            number = rng.choice(ODD_NUMBERS)
-            data[place : place + 8] = struct.pack("<Q", number)
-        elif what == 3:
-            del data[place : place + rng.choice([1, 8, 100, 5000])]
-        elif what == 4:
-            data[place:place] = data[place : place + rng.choice([1, 8, 100, 5000])]
-        elif what == 5:
-            data[place:place] = rng.randbytes(rng.choice([1, 8, 100]))
-        else:
-            del data[rng.randrange(len(data) + 1) :]
+        place = rng.randrange(max(1, min(rng.choice([16, 300, len(data), len(data)]), len(data))))
+        size, one = rng.choice([1, 8, 100, 5000]), rng.randbytes(1)
+        removed, added = rng.choice(
+            [
+                (1, one),
+                (1, one),
+                (8, struct.pack("<Q", rng.choice(ODD_NUMBERS))),
+                (size, b""),
+                (0, data[place : place + size]),
+                (0, rng.randbytes(min(size, 100))),
+                (len(data), b""),
+            ]
+        )
+        data[place : place + removed] = added
     return bytes(data)
 
 
@@ -193,20 +183,10 @@ def damage_chunk(body: bytes, rng: random.Random) -> bytes:
     return builder.end()[9:]
 
 
-# Kind -> its file, how many times as often it is damaged, and what knows its format.
-KINDS = {
-    "checkpoint": ("f.safetensors", 2, damage_safetensors),
-    "state": ("run/state.safetensors", 1, damage_safetensors),
-    "2018": ("f.json", 2, damage_json),
-    "run": ("f.mcap", 2, damage_mcap),
-    "rollout": ("r.mcap", 1, damage_mcap),
-}
-
-
 def damaged(files: dict[str, bytes], seed: int, index: int) -> tuple[str, bytes]:
     """Kind and content of a file; a function of the seed and the index."""
     rng = random.Random(f"{seed}/{index}")
-    [kind] = rng.choices(list(KINDS), [weight for _, weight, _ in KINDS.values()])
+    [kind] = rng.choices(list(KINDS), [weight for _, weight, *_ in KINDS.values()])
     data = files[kind]
     if rng.random() < 0.6:
         data = KINDS[kind][2](data, rng)
@@ -218,34 +198,53 @@ def damaged(files: dict[str, bytes], seed: int, index: int) -> tuple[str, bytes]
 # ------------------------------------------------------------------------------- reading
 
 
-def read_all(path: Path) -> None:
-    """All that can be read of a recording."""
-    recording = read(path)
-    _or_refuse(describe, path)
-    for topic in recording.topics:
-        kind = schema_pb2.DESCRIPTOR.message_types_by_name.get(topic.strip("/").capitalize())
-        for field in [*(kind.fields_by_name if kind else ()), "log_time"]:
-            _or_refuse(recording.array, topic, field)
-        _or_refuse(recording.names, topic)
-        _or_refuse(lambda topic: list(recording.messages(topic)), topic)
-    _or_refuse(recording.transforms)
-    if path.stat().st_size % 4 == 0:  # slow, and most of it is what is done above
-        metadata = {"experiment": EXPERIMENT}
-        _or_refuse(lambda: RunWriter(path, metadata, resume_generation=2).close())
-
-
-def _or_refuse(function, *arguments) -> None:
+def refused(function, *arguments) -> str:
+    """Call a function; returns the sentence it refuses with, or nothing."""
     try:
         function(*arguments)
     except InputError as error:
-        one_sentence(error)
+        text = str(error)
+        if not 10 < len(text) < 3000:
+            raise FuzzError(f"a refusal of {len(text)} characters: {text[:200]}") from None
+        return text
+    return ""
 
 
-def one_sentence(error: InputError) -> None:
-    """Refusals are short and name what is wrong."""
-    text = str(error)
-    if not 10 < len(text) < 3000:
-        raise FuzzError(f"a refusal of {len(text)} characters: {text[:200]}")
+def read_checkpoint(path: Path) -> None:
+    checkpoint.load(path).act(np.zeros(24))
+    checkpoint.describe(path)
+
+
+def read_state(path: Path) -> None:
+    run = TrainingRun(TrainSettings.of(EXPERIMENT), path.parent, resume=True)
+    if not np.isfinite(run.optimiser.ask().numpy()).all():
+        raise FuzzError("a state gives candidates that are not finite")
+
+
+def read_recording(path: Path) -> None:
+    """All that can be read of it, whatever else of it is refused."""
+    recording = read(path)
+    refused(describe, path)
+    for topic in recording.topics:
+        kind = schema_pb2.DESCRIPTOR.message_types_by_name.get(topic.strip("/").capitalize())
+        for field in [*(kind.fields_by_name if kind else ()), "log_time"]:
+            refused(recording.array, topic, field)
+        refused(recording.names, topic)
+        refused(lambda topic: list(recording.messages(topic)), topic)
+    refused(recording.transforms)
+    if path.stat().st_size % 4 == 0:  # slow, and most of it is what is done above
+        metadata = {"experiment": EXPERIMENT}
+        refused(lambda: RunWriter(path, metadata, resume_generation=2).close())
+
+
+# Kind -> its file, how often there is one, what damages it, knowing the format, and what reads it.
+KINDS = {
+    "checkpoint": ("f.safetensors", 2, damage_safetensors, read_checkpoint),
+    "state": ("run/state.safetensors", 1, damage_safetensors, read_state),
+    "2018": ("f.json", 2, damage_json, lambda path: checkpoint.load(path, EXPERIMENT)),
+    "run": ("f.mcap", 2, damage_mcap, read_recording),
+    "rollout": ("r.mcap", 1, damage_mcap, read_recording),
+}
 
 
 def read_file(folder: Path, kind: str, data: bytes) -> bool:
@@ -254,28 +253,14 @@ def read_file(folder: Path, kind: str, data: bytes) -> bool:
     Raises:
         FuzzError, or what the library raised that it should not have.
     """
-    path = folder / KINDS[kind][0]
+    name, _, _, reader = KINDS[kind]
+    path = folder / name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(data)
-    try:
-        if kind == "checkpoint":
-            agent = checkpoint.load(path)
-            agent.act(np.zeros(24))
-            checkpoint.describe(path)
-        elif kind == "2018":
-            checkpoint.load(path, EXPERIMENT)
-        elif kind == "state":
-            run = TrainingRun(TrainSettings.of(EXPERIMENT), path.parent, resume=True)
-            if not np.isfinite(run.optimiser.ask().numpy()).all():
-                raise FuzzError("a state gives candidates that are not finite")
-        else:
-            read_all(path)
-    except InputError as error:
-        one_sentence(error)
-        if str(folder) not in str(error):
-            raise FuzzError(f"a refusal that does not name the file: {error}") from None
-        return False
-    return True
+    refusal = refused(reader, path)
+    if refusal and str(folder) not in refusal:
+        raise FuzzError(f"a refusal that does not name the file: {refusal}")
+    return not refusal
 
 
 class Guard:
@@ -322,9 +307,7 @@ def read_batch(files: dict[str, bytes], seed: int, indices: range) -> tuple[Coun
                 counts[kind, "read" if fine else "refused"] += 1
             except BaseException as error:
                 counts[kind, "WRONG"] += 1
-                place = traceback.extract_tb(error.__traceback__)[-1]
-                where = f"{Path(place.filename).name}:{place.lineno}"
-                wrong.append(f"file {index} ({kind}): {type(error).__name__} at {where}: {error}")
+                wrong.append(f"file {index} ({kind}): {error!r}")
     return counts, wrong
 
 
@@ -332,7 +315,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--files", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--only", type=int, metavar="I", help="read this file, with a traceback")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="designrl-") as name:
@@ -345,7 +327,7 @@ def main() -> int:
     starts = range(0, options.files, BATCH)
     batches = [range(start, min(start + BATCH, options.files)) for start in starts]
     # A fresh process for each batch: what one file leaves behind must not hide what another does.
-    with ProcessPoolExecutor(options.workers, max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), max_tasks_per_child=1) as pool:
         futures = [pool.submit(read_batch, files, options.seed, batch) for batch in batches]
         for batch, future in zip(batches, futures, strict=True):
             try:

@@ -107,14 +107,16 @@ class McapFile:
         self._writer.add_metadata(name, texts)
 
     def write(
-        self, topic: str, message, log_time: int, sequence: int, names=(), unit: str = ""
+        self, message, log_time: int, sequence: int, names=(), unit: str = "", topic: str = ""
     ) -> None:
         """Add a protobuf message; log_time in ns.
 
         Args:
             names: of the elements of its arrays.
             unit: of their values, where it is not always the same.
+            topic: in the place of the message's name.
         """
+        topic = topic or f"/{message.DESCRIPTOR.name.lower()}"
         if topic not in self._channels:
             kind = type(message)
             definition = build_file_descriptor_set(kind).SerializeToString()

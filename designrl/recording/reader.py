@@ -184,14 +184,13 @@ class Recording(Scan):
 
         Both as seen from the part it hangs on; all have the times of /tf.
         """
-        parents, values = {}, {}
+        found: dict[str, tuple[str, list]] = {}
         for message in self.messages("/tf"):
             for t in message.transforms:
-                parents[t.child_frame_id] = t.parent_frame_id
                 p, q = t.translation, t.rotation
-                values.setdefault(t.child_frame_id, []).append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
-        arrays = {part: np.array(rows) for part, rows in values.items()}
-        return {part: (parents[part], rows[:, :3], rows[:, 3:]) for part, rows in arrays.items()}
+                _, rows = found.setdefault(t.child_frame_id, (t.parent_frame_id, []))
+                rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+        return {part: (on, *np.split(np.array(rows), [3], 1)) for part, (on, rows) in found.items()}
 
     def _damaged(self, topic: str) -> RecordingError:
         return RecordingError(f"a message on {topic} in {self.path} is damaged; get the file again")

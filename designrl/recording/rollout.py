@@ -56,7 +56,7 @@ class RolloutWriter:
             message = schema.Terrain(x=profile[:, 0].tolist(), z=profile[:, 1].tolist())
             for x0, x1, z0, z1 in obstacles.tolist():
                 message.obstacles.add(x_min=x0, x_max=x1, z_min=z0, z_max=z1)
-            self._file.write("/terrain", message, 0, 0)
+            self._file.write(message, 0, 0)
         self._write_poses()
 
     def _now(self) -> int:
@@ -77,11 +77,11 @@ class RolloutWriter:
             t, r = transform.translation, transform.rotation
             t.x, t.y, t.z = p
             r.x, r.y, r.z, r.w = q
-        self._file.write("/tf", message, now, self._step)
+        self._file.write(message, now, self._step, topic="/tf")
         if self._shown_at is None or math.dist(place, self._shown_at) > GROUND_REFRESH:
             self._shown_at = place
             cloud = _point_cloud(*self._body.ground_near(self._env, place), now)
-            self._file.write("/ground", cloud, now, self._step)
+            self._file.write(cloud, now, self._step, topic="/ground")
 
     def step(self, observation, action, reward: float, info: dict) -> None:
         """Record a step, after the environment took it.
@@ -92,30 +92,28 @@ class RolloutWriter:
             reward: what it got.
             info: of the environment; "reward_terms" holds the parts of the reward, if any.
         """
-        body, env, step, write = self._body, self._env, self._step, self._file.write
-        before = self._now()
-        message = schema.Observation(step=step, values=np.float32(observation).tolist())
-        write("/observation", message, before, step, body.observations)
-        message = schema.Action(step=step, values=np.float32(action).tolist())
-        write("/action", message, before, step, body.joints)
+        body, env, step, before = self._body, self._env, self._step, self._now()
 
+        def write(kind, log_time, names=(), **fields):
+            self._file.write(kind(step=step, **fields), log_time, step, names)
+
+        seen, done = np.float32(observation).tolist(), np.float32(action).tolist()
+        write(schema.Observation, before, body.observations, values=seen)
+        write(schema.Action, before, body.joints, values=done)
         self._step += 1
         after = self._now()
         self.score += float(reward)
         terms = info.get("reward_terms", {"reward": reward})
-        message = schema.Reward(step=step, reward=reward, total=self.score, terms=terms.values())
-        write("/reward", message, after, step, list(terms))
+        rewards = {"reward": reward, "total": self.score, "terms": terms.values()}
+        write(schema.Reward, after, list(terms), **rewards)
         if (states := body.joint_states(env)) is not None:
             angles, speeds, torques = states
-            message = schema.Joints(step=step, angles=angles, speeds=speeds, torques=torques)
-            write("/joints", message, after, step, body.joints)
+            write(schema.Joints, after, body.joints, angles=angles, speeds=speeds, torques=torques)
         if (touching := body.contacts(env)) is not None:
-            message = schema.Contacts(step=step, touching=touching)
-            write("/contacts", message, after, step, body.contact_names)
+            write(schema.Contacts, after, body.contact_names, touching=touching)
         if (rays := body.lidar(env)) is not None:
             (x, z), (end_x, end_z) = rays[0, 0].tolist(), rays[:, 1].T.tolist()
-            message = schema.Lidar(step=step, origin_x=x, origin_z=z, end_x=end_x, end_z=end_z)
-            write("/lidar", message, after, step)
+            write(schema.Lidar, after, origin_x=x, origin_z=z, end_x=end_x, end_z=end_z)
         self._write_poses()
 
     def __enter__(self) -> "RolloutWriter":

@@ -64,10 +64,10 @@ class RunWriter:
         if gap:
             print(f"{path}: {gap} (the file was cut or removed); going on", file=sys.stderr)
 
-    def _write(self, topic: str, message, names=(), unit: str = "") -> None:
+    def _write(self, message, names=(), unit: str = "") -> None:
         # A wall clock may be set back; readers want times that never decrease.
         self._log_time = max(time.time_ns(), self._log_time)
-        self._file.write(topic, message, self._log_time, message.generation, names, unit)
+        self._file.write(message, self._log_time, message.generation, names, unit)
 
     @uninterrupted()
     def generation(
@@ -110,7 +110,7 @@ class RunWriter:
             seconds=seconds,
             cpu_seconds=cpu_seconds,
         )
-        self._write("/summary", summary)
+        self._write(summary)
         if self._design is not None:
             size = self._design.size
             m, s = mu[-size:].astype(np.float64), sigma[-size:].astype(np.float64)
@@ -120,9 +120,9 @@ class RunWriter:
             design = schema.Design(
                 generation=index, mu=m, sigma=s, dimensions=sizes, lower=lower, upper=upper
             )
-            self._write("/design", design, self._design.names, self._design.unit)
+            self._write(design, self._design.names, self._design.unit)
         distribution = schema.Distribution(generation=index, mu=mu.tolist(), sigma=sigma.tolist())
-        self._write("/distribution", distribution)
+        self._write(distribution)
         episodes = schema.Returns(
             generation=index,
             rollouts=np.shape(returns)[1],
@@ -130,7 +130,7 @@ class RunWriter:
             steps=np.ravel(steps).tolist(),
             seeds=np.ravel(seeds).tolist(),
         )
-        self._write("/returns", episodes)
+        self._write(episodes)
         self._file.seal_if_due()
 
     @uninterrupted()
@@ -152,7 +152,7 @@ class RunWriter:
             steps=np.ravel(steps).tolist(),
             seeds=np.ravel(seeds).tolist(),
         )
-        self._write("/evaluation", evaluation)
+        self._write(evaluation)
         self._file.seal_if_due()
 
     @uninterrupted()
