@@ -34,7 +34,7 @@ from mcap.records import Chunk
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from test_recording import evaluation, generation  # noqa: E402
+from test_recording import write_run  # noqa: E402
 
 from designrl import checkpoint  # noqa: E402
 from designrl.errors import InputError  # noqa: E402
@@ -63,11 +63,7 @@ def originals(folder: Path) -> dict[str, bytes]:
     checkpoint.save(agent, folder / "f.safetensors")
     TrainingRun(TrainSettings.of(EXPERIMENT), folder / "run")._save_state()
     (folder / "f.json").write_text(json.dumps([agent.parameters.round(4).tolist(), 12.5]))
-    with RunWriter(folder / "f.mcap", {"experiment": EXPERIMENT, "seed": "0"}) as writer:
-        for index in range(3):
-            writer.generation(**generation(index))
-            writer.evaluation(**evaluation(index))
-            writer.flush()
+    write_run(folder / "f.mcap", range(5))
     record_rollout(agent, folder / "r.mcap", seed=0)
     return {kind: (folder / name).read_bytes() for kind, (name, *_) in KINDS.items()}
 
@@ -328,8 +324,8 @@ def main() -> int:
     batches = [range(start, min(start + BATCH, options.files)) for start in starts]
     # A fresh process for each batch: what one file leaves behind must not hide what another does.
     with ProcessPoolExecutor(len(os.sched_getaffinity(0)), max_tasks_per_child=1) as pool:
-        futures = [pool.submit(read_batch, files, options.seed, batch) for batch in batches]
-        for batch, future in zip(batches, futures, strict=True):
+        futures = {batch: pool.submit(read_batch, files, options.seed, batch) for batch in batches}
+        for batch, future in futures.items():
             try:
                 found, failures = future.result()
             except Exception as error:  # the process has crashed

@@ -77,11 +77,9 @@ class McapFile:
         self.path = Path(path)
         self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.new")
         self._file = None
-        try:
+        with self._refusing():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self._temporary, "wb", buffering=0)  # noqa: SIM115 (lives on)
-        except OSError as error:
-            raise self._failure(error) from None
         self._tail, self._end = _Tail(), b""
         self._sealed, self._seal_seconds = time.monotonic(), 0.0
         self._channels: dict[str, int] = {}
@@ -91,10 +89,16 @@ class McapFile:
         self._writer = Writer(self._tail, chunk_size=CHUNK_BYTES, use_summary_offsets=False)
         self._writer.start(library=f"designrl {VERSION}")
 
-    def _failure(self, error: OSError) -> RecordingError:
-        # Neither a file of before nor what was sealed of this one is harmed.
-        intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
-        return RecordingError(f"{cannot_write(self.path, error)}{intact}")
+    @contextlib.contextmanager
+    def _refusing(self):
+        """Say in one sentence why the system does not write it, and close the file."""
+        try:
+            yield
+        except OSError as error:
+            self.close()
+            # Neither a file of before nor what was sealed of this one is harmed.
+            intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
+            raise RecordingError(f"{cannot_write(self.path, error)}{intact}") from None
 
     @property
     def is_open(self) -> bool:
@@ -163,18 +167,18 @@ class McapFile:
         self._writer.finish()
         data, start = self._tail.getvalue(), self._tail.start
         descriptor, written = self._file.fileno(), 0
-        try:
-            # In one call: a kill finds the file with the old end or with the new one.
-            while written < len(data):  # where the disk is full, less is written at first
-                written += os.pwrite(descriptor, data[written:], start + written)
-            if durable:
-                os.fsync(descriptor)
-        except OSError as error:
-            with contextlib.suppress(OSError):  # its space is still ours
-                os.pwrite(descriptor, self._end, start)
-                os.ftruncate(descriptor, start + len(self._end))
-            self.close()
-            raise self._failure(error) from None
+        with self._refusing():
+            try:
+                # In one call: a kill finds the file with the old end or with the new one.
+                while written < len(data):  # where the disk is full, less is written at first
+                    written += os.pwrite(descriptor, data[written:], start + written)
+                if durable:
+                    os.fsync(descriptor)
+            except OSError:
+                with contextlib.suppress(OSError):  # its space is still ours
+                    os.pwrite(descriptor, self._end, start)
+                    os.ftruncate(descriptor, start + len(self._end))
+                raise
         self._end = data[end - start :]
         self._tail.start = end
         self._tail.seek(0)
@@ -185,11 +189,8 @@ class McapFile:
     def publish(self) -> None:
         """Seal, make it durable, and let it replace what `path` held."""
         self.seal(durable=True)
-        try:
+        with self._refusing():
             replace(self._temporary, self.path)
-        except OSError as error:
-            self.close()
-            raise self._failure(error) from None
 
     def close(self) -> None:
         """Close without a seal, and remove the file if it was not published."""
