@@ -173,7 +173,7 @@ class TrainingRun:
             RunWriter(
                 self.out / "generations.mcap",
                 self._metadata(),
-                resume_generation=generation if generation else None,
+                resume_generation=generation,
             ) as recorder,
             tqdm(
                 total=self.settings.generations,

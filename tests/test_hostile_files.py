@@ -6,9 +6,14 @@ import sys
 import time
 from pathlib import Path
 
+import lz4.frame
 import pytest
 import zstandard
-from mcap.writer import Writer
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+from mcap.writer import MCAP0_MAGIC
+from test_recording import write_others
 
 from designrl import checkpoint
 from designrl.cli import main
@@ -41,29 +46,34 @@ def test_a_large_file_is_not_read(tmp_path):
             checkpoint.load(tmp_path / name, "biped")
 
 
-def mcap(*chunks: bytes) -> bytes:
-    """An MCAP file with these zstd chunks, which declare their true size and no checksum."""
-    data = b"\x89MCAP0\r\n" + struct.pack("<BQII", 1, 8, 0, 0)
-    for content in chunks:
-        packed = zstandard.compress(content)
-        body = struct.pack("<QQQII", 0, 0, len(content), 0, 4) + b"zstd"
-        body += struct.pack("<Q", len(packed)) + packed
-        data += struct.pack("<BQ", 6, len(body)) + body
-    return data
+def chunk(content: bytes, compression="zstd", size: int | None = None) -> bytes:
+    """A chunk record, which declares its true size unless another is given, and no checksum."""
+    packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress}[compression](content)
+    builder = RecordBuilder()
+    Chunk(compression, packed, 0, 0, 0, len(content) if size is None else size).write(builder)
+    return builder.end()
+
+
+MESSAGE = struct.pack("<BQHIQQ", 5, 22, 1, 0, 0, 0)
 
 
 @pytest.mark.parametrize(
-    ("record", "count", "chunks", "problem"),
+    ("records", "problem"),
     [
-        (bytes(9), 10**6, 100, "has no place there"),
-        (struct.pack("<BQHIQQ", 5, 22, 1, 0, 0, 0), 5 * 10**5, 100, "absurd size"),
-        (struct.pack("<BQ", 5, 2**63), 10**5, 1, "outside of its chunk"),
-        (struct.pack("<BQ", 6, 0), 1, 1, "has no place there"),
+        (chunk(bytes(9) * 10**6) * 100, "has no place there"),
+        (chunk(struct.pack("<BQ", 6, 0)), "has no place there"),  # a chunk in a chunk
+        (chunk(MESSAGE * 5 * 10**5) * 100, "chunks declare an absurd size"),
+        (chunk(struct.pack("<BQ", 5, 2**63) * 10**5), "outside of its chunk"),
+        *((chunk(bytes(2**26), way, 1000), "not match its checksum") for way in ("zstd", "lz4")),
+        (chunk(bytes(2**26), size=2**25 + 1), "a chunk declares an absurd size"),
+        (chunk(bytes(2**26), size=2**40), "its chunks declare an absurd size"),
+        # A length beyond all files, of what a chunk without compression holds.
+        (struct.pack("<BQQQQIIQ", 6, 40, 0, 0, 0, 0, 0, 2**64 - 1), "a record is damaged"),
     ],
 )
-def test_a_bomb_does_not_go_off(record, count, chunks, problem, tmp_path):
+def test_a_bomb_does_not_go_off(records, problem, tmp_path):
     path = tmp_path / "bomb.mcap"
-    path.write_bytes(mcap(*[record * count] * chunks))
+    path.write_bytes(MCAP0_MAGIC + struct.pack("<BQII", Opcode.HEADER, 8, 0, 0) + records)
     assert path.stat().st_size < 2**23
     begin = time.process_time()
     assert problem in read(path).problem
@@ -75,22 +85,9 @@ def test_a_bomb_does_not_go_off(record, count, chunks, problem, tmp_path):
 @pytest.mark.parametrize("names", ["{", '"ab"', "[1]", "[" * 100_000])
 def test_damaged_names_are_refused(names, tmp_path):
     path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel("/x", "json", 0, {"names": names})
-        writer.add_message(channel, 0, b"{}", 0)
-        writer.finish()
-    with pytest.raises(InputError, match=f"names on /x in {path} are damaged"):
-        read(path).names("/x")
-
-
-def test_a_length_beyond_all_files_is_refused(tmp_path):
-    path = tmp_path / "a.mcap"
-    fields = struct.pack("<QQQI", 0, 0, 0, 0) + struct.pack("<I", 0) + struct.pack("<Q", 2**64 - 1)
-    chunk = struct.pack("<BQ", 6, len(fields)) + fields
-    path.write_bytes(b"\x89MCAP0\r\n" + chunk)
-    assert "damaged" in read(path).problem
+    write_others(path, about={"names": names})
+    with pytest.raises(InputError, match=f"names on /thing in {path} are damaged"):
+        read(path).names("/thing")
 
 
 def test_a_strangers_text_does_not_command_the_terminal(tmp_path, capsys):

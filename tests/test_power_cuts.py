@@ -10,6 +10,7 @@ import pytest
 
 from designrl.errors import InputError
 from designrl.recording import read
+from designrl.recording.mcap_file import McapFile
 from designrl.settings import TrainSettings
 from designrl.simulation import RolloutResult, Simulator
 from designrl.train import TrainingRun
@@ -95,11 +96,9 @@ def quick(monkeypatch):
         return RolloutResult(returns, np.ones(seeds.shape, dtype=np.int64))
 
     def record(agent, path, seed):
-        from designrl.recording.mcap_file import McapFile
-
         file = McapFile(path)
         file.publish()
-        file.abandon()
+        file.close()
 
     monkeypatch.setattr(Simulator, "rollout", rollout)
     monkeypatch.setattr("designrl.train.record_rollout", record)
@@ -108,13 +107,6 @@ def quick(monkeypatch):
 
 def train(folder: Path) -> None:
     TrainingRun(SETTINGS, folder, backend="reference", resume=True).run()
-
-
-def count_operations(folder: Path) -> int:
-    with pytest.MonkeyPatch.context() as patch:
-        disk = Disk(folder, None, "", patch)
-        train(folder)
-    return disk.count
 
 
 def contents(folder: Path) -> tuple[bytes, list, list]:
@@ -127,23 +119,22 @@ def contents(folder: Path) -> tuple[bytes, list, list]:
 
 @pytest.mark.parametrize("how", ["error", "full", "cut", "cut, unsynced lost", "torn"])
 def test_a_write_that_fails_costs_nothing(how, quick, tmp_path):
-    undisturbed = tmp_path / "undisturbed"
-    operations = count_operations(undisturbed)
+    undisturbed, everything = tmp_path / "undisturbed", list(range(GENERATIONS))
+    with pytest.MonkeyPatch.context() as patch:
+        disk = Disk(undisturbed, None, "", patch)
+        train(undisturbed)
     expected = contents(undisturbed)
-    everything = list(range(GENERATIONS))
     assert expected[1] == [everything, everything, everything, [1, 2]]
-    assert operations > 20
-    for end_at in range(operations):
+    assert disk.count > 20
+    error = InputError if how in ("error", "full") else PowerCutError
+    for end_at in range(disk.count):
         folder = tmp_path / f"{end_at}"
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, pytest.raises(error) as caught:
             disk = Disk(folder, end_at, how.split(",")[0], patch)
-            if how in ("error", "full"):
-                with pytest.raises(InputError, match="No space left on device") as caught:
-                    train(folder)
-                assert str(folder) in str(caught.value)
-            else:
-                with pytest.raises(PowerCutError):
-                    train(folder)
+            train(folder)
+        if error is InputError:
+            assert str(folder) in str(caught.value)
+            assert "No space left on device" in str(caught.value)
         if "lost" in how:
             disk.forget()
         if (folder / "generations.mcap").exists():

@@ -11,12 +11,9 @@ import time
 from pathlib import Path
 
 import gymnasium
-import lz4.frame
 import numpy as np
 import pytest
-import zstandard
 from mcap.reader import make_reader
-from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
 
 from designrl.errors import InputError
@@ -29,7 +26,6 @@ from designrl.recording import (
     describe,
     read,
     record_rollout,
-    scan,
     schema_pb2,
     thin,
 )
@@ -37,6 +33,8 @@ from designrl.recording.mcap_file import McapFile
 from designrl.simulation import Simulator
 
 EXPERIMENT = EXPERIMENTS["biped-morphology"]
+ABOUT = {"experiment": EXPERIMENT.name, "seed": "7", "host": "Zürich", "settings": {"a": [1, 2.5]}}
+HELD = {**ABOUT, "settings": '{"a": [1, 2.5]}'}  # what is not text becomes JSON
 
 
 def generation(index: int, population: int = 6, rollouts: int = 3) -> dict:
@@ -67,20 +65,36 @@ def evaluation(index: int) -> dict:
     }
 
 
+def full_disk(after: int):
+    """os.pwrite on a disk that has room for so many bytes of the file."""
+    pwrite = os.pwrite
+
+    def write(descriptor, data, offset):
+        if offset >= after:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return pwrite(descriptor, bytes(data)[: after - offset], offset)
+
+    return write
+
+
 def write_run(path, indices, **kwargs):
-    with RunWriter(path, {"experiment": EXPERIMENT.name, "seed": "7"}, **kwargs) as writer:
+    with RunWriter(path, ABOUT, **kwargs) as writer:
         for index in indices:
             writer.generation(**generation(index))
             if index % 5 == 4:
                 writer.evaluation(**evaluation(index))
             if index % 2:
                 writer.flush()  # as time would have it
+        writer.close()  # so that it is closed twice
 
 
 def count_by_others(path) -> int:
-    """How many messages the index of a file says it has, to a reader that is not ours."""
+    """How many messages a file has to a reader that is not ours, which believes its index."""
     with path.open("rb") as file:
-        return make_reader(file).get_summary().statistics.message_count
+        reader = make_reader(file, validate_crcs=True)
+        count = sum(1 for _ in reader.iter_messages())
+        assert count == reader.get_summary().statistics.message_count
+        return count
 
 
 def random_agent(name: str) -> Agent:
@@ -124,40 +138,34 @@ def test_the_generated_module_is_that_of_the_proto_file():
 def test_run_reads_back_to_the_bit(run):
     recording = read(run)
     assert recording.kind == "run" and recording.complete and recording.problem is None
-    assert recording.metadata == {"experiment": EXPERIMENT.name, "seed": "7"}
-    assert recording.topics == {
-        "/design": 12,
-        "/distribution": 12,
-        "/evaluation": 2,
-        "/returns": 12,
-        "/summary": 12,
-    }
+    assert recording.metadata == HELD and "incomplete" not in describe(run)
+    each = dict.fromkeys(("/design", "/distribution", "/returns", "/summary"), 12)
+    assert recording.topics == {**each, "/evaluation": 2} and count_by_others(run) == 4 * 12 + 2
     assert np.array_equal(recording.generations, np.arange(12))
-    written = [generation(i) for i in range(12)]
-    for field in ("mu", "sigma"):
-        found = recording.array("/distribution", field)
-        assert found.dtype == np.float32
-        assert np.array_equal(found, np.float32([g[field] for g in written]))
-    for field in ("returns", "steps", "seeds"):
-        found = recording.array("/returns", field)
-        assert found.shape == (12, 6, 3)
-        assert np.array_equal(found, [g[field] for g in written])
-    for field in ("seconds", "total_steps", "cpu_seconds"):
-        assert np.array_equal(recording.array("/summary", field), [g[field] for g in written])
-    for field in ("scores", "steps", "seeds"):
-        found = recording.array("/evaluation", field)
-        assert np.array_equal(found, [evaluation(i)[field] for i in (4, 9)])
-    assert recording.array("/evaluation", "kept").tolist() == [True, False]
+    written, evaluated = [generation(i) for i in range(12)], [evaluation(i) for i in (4, 9)]
+    for topic, expected, fields in (
+        ("/distribution", written, ("mu", "sigma")),
+        ("/returns", written, ("returns", "steps", "seeds")),
+        ("/summary", written, ("seconds", "total_steps", "cpu_seconds")),
+        ("/evaluation", evaluated, ("scores", "steps", "seeds", "kept")),
+    ):
+        for field in fields:
+            found = recording.array(topic, field)
+            assert np.array_equal(found, np.array([row[field] for row in expected], found.dtype))
+    assert recording.array("/distribution", "mu").dtype == np.float32
     times = recording.array("/summary", "log_time")
     assert (np.diff(times) >= 0).all() and abs(times[-1] / 1e9 - time.time()) < 600
+    with pytest.raises(RecordingError, match="no topic '/nonsense'"):
+        recording.names("/nonsense")
+    with pytest.raises(RecordingError, match="no field 'nonsense' of numbers; it has generation, "):
+        recording.array("/summary", "nonsense")
 
 
 def test_summary_and_design_follow_from_the_distribution(run):
     recording, space = read(run), EXPERIMENT.design
     fitness = recording.array("/returns", "returns").mean(axis=2)
-    assert np.array_equal(recording.array("/summary", "mean"), fitness.mean(axis=1))
-    assert np.array_equal(recording.array("/summary", "sd"), fitness.std(axis=1))
-    assert np.array_equal(recording.array("/summary", "best"), fitness.max(axis=1))
+    for field, of_all in (("mean", np.mean), ("sd", np.std), ("best", np.max), ("worst", np.min)):
+        assert np.array_equal(recording.array("/summary", field), of_all(fitness, axis=1))
     mu, sigma = (
         recording.array("/distribution", field)[:, -space.size :].astype(np.float64)
         for field in ("mu", "sigma")
@@ -170,7 +178,7 @@ def test_summary_and_design_follow_from_the_distribution(run):
 
 
 def test_rollouts_per_candidate_may_change_in_a_run(tmp_path):
-    with RunWriter(tmp_path / "run.mcap", {"experiment": EXPERIMENT.name}) as writer:
+    with RunWriter(tmp_path / "run.mcap", ABOUT) as writer:
         writer.generation(**generation(0, rollouts=1))
         writer.generation(**generation(1, rollouts=4))
     found = read(tmp_path / "run.mcap").array("/returns", "returns")
@@ -178,69 +186,15 @@ def test_rollouts_per_candidate_may_change_in_a_run(tmp_path):
     assert np.array_equal(found[1], generation(1, rollouts=4)["returns"])
 
 
-def test_other_programs_read_the_file(run):
-    with run.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
-        summary = reader.get_summary()
-        assert summary.statistics.message_count == 12 * 4 + 2
-        assert len(list(reader.iter_messages(topics=["/summary"]))) == 12
-        assert [m.name for m in reader.iter_metadata()] == ["run", "end"]
-
-
-def test_unknown_topics_and_fields_are_named(run):
-    with pytest.raises(RecordingError, match="no topic '/nonsense'"):
-        read(run).array("/nonsense", "x")
-    with pytest.raises(RecordingError, match="no field 'nonsense'"):
-        read(run).array("/summary", "nonsense")
-
-
-def test_metadata_of_any_kind_is_kept(tmp_path):
-    values = {"experiment": EXPERIMENT.name, "settings": {"a": [1, 2.5]}, "host": "Zürich"}
-    with RunWriter(tmp_path / "run.mcap", values):
-        pass
-    found = read(tmp_path / "run.mcap").metadata
-    assert json.loads(found["settings"]) == values["settings"] and found["host"] == "Zürich"
-
-
 # ---------------------------------------------------------------------- crashes and resumes
 
 
-def test_a_file_is_whole_before_it_is_closed(tmp_path):
-    path = tmp_path / "run.mcap"
-    writer = RunWriter(path, {"experiment": EXPERIMENT.name})
-    for index in range(5):
-        writer.generation(**generation(index))
-        writer.flush()
-        assert count_by_others(path) == 4 * (index + 1)
-        recording = read(path)
-        assert recording.problem is None and not recording.complete
-        assert recording.generations[-1] == index
-    assert "incomplete (the run has not ended, or was killed): it goes up to generation 4" in (
-        describe(path)
-    )
-    writer.close()
-    writer.close()
-    assert read(path).complete and "incomplete" not in describe(path)
-
-
-def test_a_run_that_was_stopped_says_so(tmp_path):
-    path = tmp_path / "run.mcap"
-    with (
-        pytest.raises(KeyboardInterrupt),
-        RunWriter(path, {"experiment": EXPERIMENT.name}) as writer,
-    ):
-        writer.generation(**generation(0))
-        raise KeyboardInterrupt
-    assert not read(path).complete
-    assert "incomplete (the run was stopped): it goes up to generation 0" in describe(path)
-
-
-def test_a_killed_process_leaves_a_readable_file(tmp_path):
+def test_a_killed_process_leaves_a_whole_file(tmp_path):
     path = tmp_path / "run.mcap"
     script = (
         "import sys, time; sys.path[:0] = ['tests']\n"
         "from test_recording import *\n"
-        f"writer = RunWriter({str(path)!r}, {{'experiment': EXPERIMENT.name}})\n"
+        f"writer = RunWriter({str(path)!r}, ABOUT)\n"
         "for index in range(10**6):\n"
         "    writer.generation(**generation(index)); writer.flush()\n"
         "    print(index, flush=True)\n"
@@ -250,8 +204,12 @@ def test_a_killed_process_leaves_a_readable_file(tmp_path):
     process.send_signal(signal.SIGKILL)
     process.wait()
     recording = read(path)
-    assert recording.generations[-1] >= done
-    assert np.array_equal(recording.generations, np.arange(len(recording.generations)))
+    last = len(recording.generations) - 1
+    assert last >= done and np.array_equal(recording.generations, np.arange(last + 1))
+    assert recording.problem is None and not recording.complete
+    assert count_by_others(path) == 4 * (last + 1)
+    why = "incomplete (the run has not ended, or was killed)"
+    assert f"{why}: it goes up to generation {last}" in describe(path)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -260,27 +218,31 @@ def test_an_interrupt_waits_until_the_record_is_whole(number, tmp_path, monkeypa
     before = signal.signal(number, signal.default_int_handler)  # as `designrl train` does
 
     def interrupted(*arguments):
+        monkeypatch.setattr(os, "pwrite", pwrite)
         signal.raise_signal(number)
         return pwrite(*arguments)
 
-    with RunWriter(path, {"experiment": EXPERIMENT.name}) as writer:
+    with pytest.raises(KeyboardInterrupt), RunWriter(path, ABOUT) as writer:
         for index in range(4):
             writer.generation(**generation(index))
             monkeypatch.setattr(os, "pwrite", interrupted)
-            with pytest.raises(KeyboardInterrupt):
+            with pytest.raises(KeyboardInterrupt) as interrupt:
                 writer.flush()
-            monkeypatch.setattr(os, "pwrite", pwrite)
+        raise interrupt.value
     signal.signal(number, before)
     recording = read(path)
-    assert recording.complete and recording.generations.tolist() == [0, 1, 2, 3]
-    assert count_by_others(path) == 16
+    assert recording.problem is None and recording.generations.tolist() == [0, 1, 2, 3]
+    assert count_by_others(path) == 16 and not recording.complete
+    assert "incomplete (the run was stopped): it goes up to generation 3" in describe(path)
 
 
-@pytest.mark.parametrize("kind", ["run", "rollout"])
-def test_cut_anywhere_a_file_is_read_up_to_there(kind, run, rollout, tmp_path):
-    source = {"run": run, "rollout": rollout}[kind]
-    data, whole, path = source.read_bytes(), read(source), tmp_path / "cut.mcap"
-    topic, field = ("/returns", "returns") if kind == "run" else ("/observation", "values")
+@pytest.mark.parametrize(
+    ("kind", "topic", "field"),
+    [("run", "/returns", "returns"), ("rollout", "/observation", "values")],
+)
+def test_cut_anywhere_a_file_is_read_up_to_there(kind, topic, field, request, tmp_path):
+    source, path = request.getfixturevalue(kind), tmp_path / "cut.mcap"
+    data, whole = source.read_bytes(), read(source)
     expected = whole.array(topic, field)
     lengths, nothing = set(), 0
     for cut in [50, *np.random.default_rng(0).integers(0, len(data), 200)]:
@@ -293,6 +255,9 @@ def test_cut_anywhere_a_file_is_read_up_to_there(kind, run, rollout, tmp_path):
         assert recording.problem and not recording.complete
         if recording.topics or recording.metadata_records:
             assert "incomplete" in describe(path)
+            # Where it came from is said before anything else; only a rollout's score is not.
+            assert recording.kind == kind and "seed" in recording.metadata
+            assert recording.metadata.items() <= whole.metadata.items()
         else:
             with pytest.raises(RecordingError, match=r"cut\.mcap holds nothing to tell of"):
                 describe(path)
@@ -304,103 +269,75 @@ def test_cut_anywhere_a_file_is_read_up_to_there(kind, run, rollout, tmp_path):
     assert nothing and len(lengths) > (3 if kind == "run" else 0)
 
 
-@pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_chunk_that_lies_about_its_size_takes_no_memory(compression, monkeypatch):
-    bomb = bytes(2**26)
-    compress = zstandard.compress if compression == "zstd" else lz4.frame.compress
-    chunk = Chunk(compression, compress(bomb), 0, 0, 0, 1000)
-    with pytest.raises(scan._DamageError, match="does not match"):
-        scan._decompress(chunk)
-    chunk.uncompressed_size = 2**40
-    with pytest.raises(scan._DamageError, match="absurd size"):
-        scan._decompress(chunk)
-
-
-def write_others(path, topics, metadata=None, with_schema=True, **options) -> None:
+def write_others(path, topics=("/thing",), metadata=None, schema="other.Thing", about=None, **how):
     """A recording of another program with three messages per topic."""
-    writer = Writer(str(path), **options)
+    writer = Writer(str(path), **how)
     writer.start()
     if metadata:
         writer.add_metadata("run", metadata)
-    schema = writer.register_schema("other.Thing", "jsonschema", b"{}") if with_schema else 0
+    number = writer.register_schema(schema, "jsonschema", b"{}") if schema else 0
     for topic in topics:
-        channel = writer.register_channel(topic, "json", schema)
+        channel = writer.register_channel(topic, "json", number, about or {})
         for time_ in range(3):
             writer.add_message(channel, time_, b"{}", time_)
     writer.finish()
 
 
-@pytest.mark.parametrize("compression", list(CompressionType))
-@pytest.mark.parametrize("use_chunking", [True, False])
-def test_files_of_other_writers_are_described(compression, use_chunking, tmp_path):
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"compression": way, "use_chunking": c} for way in CompressionType for c in (1, 0)),
+        # Topics and metadata of our names do not make a file ours.
+        {"topics": ["/summary", "/tf", "/reward"], "metadata": {"robot": "other"}},
+        {"schema": ""},
+    ],
+)
+def test_files_of_other_programs_are_described(options, tmp_path):
     path = tmp_path / "other.mcap"
-    write_others(path, ["/thing"], compression=compression, use_chunking=use_chunking)
-    assert "MCAP file of another program" in describe(path)
-    assert read(path).topics == {"/thing": 3}
-    with pytest.raises(RecordingError, match="unknown type 'other.Thing'"):
-        list(read(path).messages("/thing"))
-
-
-def test_topics_and_metadata_of_our_names_do_not_make_a_file_ours(tmp_path):
-    path = tmp_path / "other.mcap"
-    write_others(path, ["/summary", "/tf", "/evaluation", "/reward"], {"robot": "other"})
+    write_others(path, **options)
     recording = read(path)
+    assert recording.topics == dict.fromkeys(options.get("topics", ["/thing"]), 3)
     assert recording.kind == "unknown" and recording.metadata == {} and recording.complete
     assert len(recording.generations) == 0
-    assert "not a recording of designrl but an MCAP file of another program" in describe(path)
-    assert "incomplete" not in describe(path)
+    text = describe(path)
+    assert "not a recording of designrl but an MCAP file of another program" in text
+    assert "incomplete" not in text
+    for topic in recording.topics:
+        assert f"{topic}: 3 messages" in text
+        with pytest.raises(RecordingError, match="no field 'x' of numbers; it has log_time"):
+            recording.array(topic, "x")
+        with pytest.raises(RecordingError, match=f"unknown type '{options.get('schema', 'other')}"):
+            list(recording.messages(topic))
 
 
-def test_messages_without_a_schema_are_counted(tmp_path):
-    path = tmp_path / "other.mcap"
-    write_others(path, ["/thing"], with_schema=False)
-    assert read(path).topics == {"/thing": 3} and "/thing: 3" in describe(path)
-    with pytest.raises(RecordingError, match="no field 'x'"):
-        read(path).array("/thing", "x")
-
-
-@pytest.mark.parametrize("resume", [0, 1, 5, 12, 20])
-def test_a_resumed_run_has_every_generation_once(resume, run, tmp_path):
+@pytest.mark.parametrize(
+    ("held", "resume"), [(12, 0), (12, 1), (12, 5), (12, 12), (12, 20), (0, 6), (4, 6), (None, 6)]
+)
+def test_a_resumed_run_has_every_generation_once(held, resume, tmp_path, capsys):
     path = tmp_path / "run.mcap"
-    path.write_bytes(run.read_bytes())
+    if held is not None:
+        write_run(path, range(held))
     stop = max(resume, 12) + 3
     write_run(path, range(resume, stop), resume_generation=resume)
-    recording = read(path)
-    kept = min(resume, 12)
+    recording, kept = read(path), min(resume, held or 0)
     expected = [*range(kept), *range(resume, stop)]
     assert recording.generations.tolist() == expected
     found = recording.array("/returns", "returns")
     assert np.array_equal(found, [generation(i)["returns"] for i in expected])
     evaluated = recording.array("/evaluation", "generation").tolist()
     assert evaluated == [i for i in expected if i % 5 == 4]
-    names = [name for name, _ in recording.metadata_records]
-    assert names == ["run", "resumed", "end"] and recording.metadata["seed"] == "7"
-    times = recording.array("/summary", "log_time")
-    assert (np.diff(times) >= 0).all()
+    assert (np.diff(recording.array("/summary", "log_time")) >= 0).all()
+    assert recording.kind == "run" and recording.complete and recording.metadata == HELD
 
-
-@pytest.mark.parametrize("held", [None, 0, 4])
-def test_a_resume_says_which_generations_are_missing(held, tmp_path, capsys):
-    path = tmp_path / "run.mcap"
-    if held is not None:
-        write_run(path, range(held))
-    write_run(path, range(6, 9), resume_generation=6)
-    recording, first = read(path), held or 0
-    gap = f"{6 - first} of the generations {first} to 5 are missing"
-    assert capsys.readouterr().err == f"{path}: {gap} (the file was cut or removed); going on\n"
-    assert recording.kind == "run" and recording.metadata["seed"] == "7" and recording.complete
-    assert recording.generations.tolist() == [*range(first), 6, 7, 8]
-    assert dict(recording.metadata_records)["resumed"] == {"generation": "6", "missing": gap}
-    assert f"{6 - first} generations are missing" in describe(path)
-
-
-def test_nothing_is_said_where_nothing_is_missing(run, tmp_path, capsys):
-    path = tmp_path / "run.mcap"
-    path.write_bytes(run.read_bytes())
-    write_run(path, range(7, 9), resume_generation=7)
-    thin(path, tmp_path / "thin.mcap", every=4)
-    assert capsys.readouterr().err == ""
-    assert "missing" not in describe(path) and "missing" not in describe(tmp_path / "thin.mcap")
+    gap = f"{resume - kept} of the generations {kept} to {resume - 1} are missing"
+    about, line, told = {"generation": str(resume)}, "", "are missing" in describe(path)
+    if kept < resume:
+        about["missing"] = gap
+        line = f"{path}: {gap} (the file was cut or removed); going on\n"
+        assert f"{resume - kept} generations are missing" in describe(path)
+    assert capsys.readouterr().err == line and told == bool(line)
+    middle = [("resumed", about)] if resume else []  # from the start, it is a new recording
+    assert recording.metadata_records == [("run", HELD), *middle, ("end", {"finished": "true"})]
 
 
 def test_a_run_resumes_from_a_file_that_was_cut(run, tmp_path):
@@ -412,39 +349,26 @@ def test_a_run_resumes_from_a_file_that_was_cut(run, tmp_path):
         write_run(path, range(resume, 8), resume_generation=resume)
         recording = read(path)
         assert recording.generations.tolist() == list(range(8)) and recording.complete
-        assert recording.metadata == {"experiment": EXPERIMENT.name, "seed": "7"}
+        assert recording.metadata == HELD
 
 
 def test_a_resume_that_fails_leaves_the_old_file(run, tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
     path.write_bytes(run.read_bytes())
-    monkeypatch.setattr(os, "pwrite", _full_disk(after=20_000))
+    monkeypatch.setattr(os, "pwrite", full_disk(after=20_000))
     with pytest.raises(RecordingError, match="No space left on device.*recorded before is intact"):
-        RunWriter(path, {"experiment": EXPERIMENT.name}, resume_generation=9)
+        RunWriter(path, ABOUT, resume_generation=9)
     assert path.read_bytes() == run.read_bytes()
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
-def _full_disk(after: int):
-    """os.pwrite on a disk that has room for so many bytes of the file."""
-    pwrite = os.pwrite
-
-    def write(descriptor, data, offset):
-        room = after - offset
-        if room <= 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return pwrite(descriptor, bytes(data)[:room], offset)
-
-    return write
-
-
 def test_a_full_disk_is_one_sentence_and_costs_no_generation(tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
-    monkeypatch.setattr(os, "pwrite", _full_disk(after=150_000))
+    monkeypatch.setattr(os, "pwrite", full_disk(after=150_000))
     done = -1
     with (
         pytest.raises(RecordingError, match=r"cannot be written \(No space left on device\)"),
-        RunWriter(path, {"experiment": EXPERIMENT.name}) as writer,
+        RunWriter(path, ABOUT) as writer,
     ):
         for index in range(100):
             writer.generation(**generation(index))
@@ -456,51 +380,51 @@ def test_a_full_disk_is_one_sentence_and_costs_no_generation(tmp_path, monkeypat
     assert count_by_others(path) == 4 * (done + 1)
 
 
-def test_a_place_that_cannot_be_written_is_named(tmp_path):
+def test_what_cannot_be_recorded_is_refused_and_leaves_no_file(rollout, tmp_path, monkeypatch):
+    with pytest.raises(RecordingError, match=r"generations\.mcap"):
+        thin(rollout, tmp_path / "thin.mcap", every=2)
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match="file/run.mcap cannot be written"):
-        RunWriter(tmp_path / "file" / "run.mcap", {})
+    with pytest.raises(RecordingError, match=r"file/run\.mcap cannot be written"):
+        RunWriter(tmp_path / "file" / "run.mcap", ABOUT)
+    with pytest.raises(InputError, match="the seed is -1; choose one from 0 up"):
+        record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=-1)
+    monkeypatch.setattr(os, "pwrite", full_disk(after=1000))
+    with pytest.raises(RecordingError, match="No space left") as failure:
+        record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=0)
+    assert "intact" not in str(failure.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 # ----------------------------------------------------------------------------- thinning
 
 
-def test_thinning_drops_generations_and_rounds_nothing(run, tmp_path):
-    thin(run, tmp_path / "thin.mcap", every=5)
-    whole, thinned = read(run), read(tmp_path / "thin.mcap")
-    kept = [0, 5, 10, 11]
-    assert thinned.array("/distribution", "generation").tolist() == kept
+@pytest.mark.parametrize(
+    ("every", "kept", "designs"),
+    [(5, [0, 5, 10, 11], [*range(12)]), (60, [0, 11], [0, 6, 11])],  # designs: ten times as many
+)
+def test_thinning_drops_generations_and_rounds_nothing(every, kept, designs, run, tmp_path):
+    path = tmp_path / "thin.mcap"
+    thin(run, path, every)
+    whole, thinned = read(run), read(path)
     for topic, field, rows in (
+        ("/distribution", "generation", kept),
         ("/distribution", "mu", kept),
         ("/distribution", "sigma", kept),
         ("/returns", "returns", kept),
+        ("/design", "dimensions", designs),
         ("/summary", "mean", slice(None)),
         ("/evaluation", "scores", slice(None)),
     ):
         assert np.array_equal(thinned.array(topic, field), whole.array(topic, field)[rows])
     record = dict(thinned.metadata_records)["thinned"]
-    found = [record[key] for key in ("every", "kept_generations", "of_generations")]
-    assert found == ["5", "4", "12"]
-    assert thinned.complete and "thinned" in describe(tmp_path / "thin.mcap")
-    assert thinned.metadata == whole.metadata
-
-
-def test_designs_are_thinned_a_tenth_as_much(run, tmp_path):
-    thin(run, tmp_path / "thin.mcap", every=60)
-    thinned = read(tmp_path / "thin.mcap")
-    assert thinned.array("/distribution", "generation").tolist() == [0, 11]
-    assert thinned.array("/design", "generation").tolist() == [0, 6, 11]
-    assert len(thinned.array("/summary", "generation")) == 12
+    found = [record[f"{key}_generations"] for key in ("kept", "of")]
+    assert found == [str(len(kept)), "12"] and record["every"] == str(every)
+    assert thinned.complete and thinned.metadata == whole.metadata
+    assert "thinned" in describe(path) and "missing" not in describe(path)
     # Of a run that went on from a thinned one, the next that is there stands for a missing one.
-    thin(tmp_path / "thin.mcap", tmp_path / "again.mcap", every=20)
-    again = read(tmp_path / "again.mcap")
-    assert again.array("/design", "generation").tolist() == [0, 6, 11]
-
-
-def test_only_runs_are_thinned(rollout, tmp_path):
-    with pytest.raises(RecordingError, match="holds no generations"):
-        thin(rollout, tmp_path / "thin.mcap", every=2)
-    assert list(tmp_path.iterdir()) == []
+    thin(path, tmp_path / "again.mcap", every=20)
+    again = read(tmp_path / "again.mcap").array("/design", "generation")
+    assert again.tolist() == [i for i in designs if i % 2 == 0 or i == 11]
 
 
 # ---------------------------------------------------------------------------- rollouts
@@ -516,13 +440,11 @@ def test_a_rollout_is_the_episode_that_an_evaluation_runs(name, tmp_path):
 
     recording = read(path)
     assert recording.kind == "rollout" and recording.complete
-    assert recording.metadata["experiment"] == name and recording.metadata["note"] == "é"
-    assert float(recording.metadata["score"]) == score
-    assert json.loads(recording.metadata["agent"])["seed"] == 1
-    assert recording.array("/reward", "total")[-1] == score
-    assert np.allclose(
-        recording.array("/reward", "terms").sum(axis=1), recording.array("/reward", "reward")
-    )
+    about = recording.metadata
+    assert about["experiment"] == name and about["note"] == "é" and float(about["score"]) == score
+    assert json.loads(about["agent"])["seed"] == 1
+    terms, reward, total = (recording.array("/reward", f) for f in ("terms", "reward", "total"))
+    assert np.allclose(terms.sum(axis=1), reward) and total[-1] == score
 
     # The same episode again, compared with what was recorded of it.
     env = gymnasium.make(agent.experiment.env_id)
@@ -551,44 +473,14 @@ def test_terrain_holds_the_course_with_its_obstacles(rollout):
     assert (boxes > 0.4).all() and (boxes < 2.0).all()
 
 
-def test_a_rollout_that_fails_leaves_no_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "pwrite", _full_disk(after=1000))
-    with pytest.raises(RecordingError, match="No space left") as failure:
-        record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=0)
-    assert list(tmp_path.iterdir()) == [] and "intact" not in str(failure.value)
-
-
-def test_a_rollout_that_was_cut_still_says_where_it_came_from(tmp_path, rollout):
-    path, data = tmp_path / "cut.mcap", rollout.read_bytes()
-    path.write_bytes(data[: data.rindex(b"\x05\0\0\0score")])
-    recording, whole = read(path), read(rollout).metadata
-    assert recording.kind == "rollout" and recording.problem
-    assert {**recording.metadata, "score": whole["score"], "steps": whole["steps"]} == whole
-    assert recording.metadata["seed"] == "3" and "agent" in recording.metadata
-    assert "score" not in recording.metadata
-
-
-def test_a_negative_seed_is_refused(tmp_path):
-    with pytest.raises(InputError, match="the seed is -1; choose one from 0 up"):
-        record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=-1)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_two_processes_do_not_write_into_one_file(tmp_path):
-    script = (
-        "import sys; from designrl.recording.mcap_file import McapFile\n"
-        "file = McapFile(sys.argv[1]); file.metadata('from', {'who': 'other'})\n"
-        "print(flush=True); sys.stdin.read(); file.publish(); file.close()\n"
-    )
-    path = tmp_path / "x.mcap"
-    with subprocess.Popen(
-        [sys.executable, "-c", script, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
-        other.stdout.readline()
-        file = McapFile(path)
-        file.metadata("from", {"who": "this"})
+def test_two_processes_do_not_write_into_one_file(tmp_path, monkeypatch):
+    path, files = tmp_path / "x.mcap", {}
+    for process in ("1", "2"):
+        monkeypatch.setattr(os, "getpid", lambda number=process: int(number))
+        files[process] = McapFile(path)
+        files[process].metadata("from", {"process": process})
+    for process, file in files.items():
         file.publish()
         file.close()
-        assert read(path).metadata_records == [("from", {"who": "this"})]
-    assert read(path).metadata_records == [("from", {"who": "other"})]
+        assert read(path).metadata_records == [("from", {"process": process})]
     assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]

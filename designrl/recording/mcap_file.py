@@ -6,6 +6,7 @@ reader opens, up to the last seal.
 """
 
 import contextlib
+import io
 import json
 import os
 import signal
@@ -52,21 +53,13 @@ def uninterrupted():
             signal.raise_signal(held[0])
 
 
-class _Tail:
+class _Tail(io.BytesIO):
     """What an `mcap.writer.Writer` has written since the last seal, before it is in the file."""
 
-    def __init__(self):
-        self.start, self.data = 0, bytearray()
+    start = 0  # of it in the file
 
     def tell(self) -> int:
-        return self.start + len(self.data)
-
-    def write(self, data: bytes) -> int:
-        self.data += data
-        return len(data)
-
-    def flush(self) -> None:
-        """Nothing: only a seal writes to the file."""
+        return self.start + super().tell()
 
 
 class McapFile:
@@ -84,11 +77,9 @@ class McapFile:
         self.path = Path(path)
         self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.new")
         self._file = None
-        try:
+        with self._refusing():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self._temporary, "wb", buffering=0)  # noqa: SIM115 (lives on)
-        except OSError as error:
-            raise self._failure(error) from None
         self._tail, self._end = _Tail(), b""
         self._sealed, self._seal_seconds = time.monotonic(), 0.0
         self._channels: dict[str, int] = {}
@@ -98,10 +89,16 @@ class McapFile:
         self._writer = Writer(self._tail, chunk_size=CHUNK_BYTES, use_summary_offsets=False)
         self._writer.start(library=f"designrl {VERSION}")
 
-    def _failure(self, error: OSError) -> RecordingError:
-        # Neither a file of before nor what was sealed of this one is harmed.
-        intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
-        return RecordingError(f"{cannot_write(self.path, error)}{intact}")
+    @contextlib.contextmanager
+    def _refusing(self):
+        """Say in one sentence why the system does not write it, and close the file."""
+        try:
+            yield
+        except OSError as error:
+            self.close()
+            # Neither a file of before nor what was sealed of this one is harmed.
+            intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
+            raise RecordingError(f"{cannot_write(self.path, error)}{intact}") from None
 
     @property
     def is_open(self) -> bool:
@@ -114,15 +111,16 @@ class McapFile:
         self._writer.add_metadata(name, texts)
 
     def write(
-        self, topic: str, message, log_time: int, sequence: int, names=(), unit: str = ""
+        self, message, log_time: int, sequence: int, names=(), unit: str = "", topic: str = ""
     ) -> None:
         """Add a protobuf message; log_time in ns.
 
         Args:
             names: of the elements of its arrays.
             unit: of their values, where it is not always the same.
+            topic: in the place of the message's name.
         """
-
+        topic = topic or f"/{message.DESCRIPTOR.name.lower()}"
         if topic not in self._channels:
             kind = type(message)
             definition = build_file_descriptor_set(kind).SerializeToString()
@@ -167,42 +165,34 @@ class McapFile:
         self._writer.flush()  # ends the chunk
         end = self._tail.tell()
         self._writer.finish()
-        data, start = bytes(self._tail.data), self._tail.start
-        try:
-            # In one call: a kill finds the file with the old end or with the new one.
-            written = os.pwrite(self._file.fileno(), data, start)
-            while written < len(data):
-                written += os.pwrite(self._file.fileno(), data[written:], start + written)
-            if durable:
-                os.fsync(self._file.fileno())
-        except OSError as error:
-            with contextlib.suppress(OSError):  # its space is still ours
-                os.pwrite(self._file.fileno(), self._end, start)
-                os.ftruncate(self._file.fileno(), start + len(self._end))
-            self.abandon()
-            raise self._failure(error) from None
+        data, start = self._tail.getvalue(), self._tail.start
+        descriptor, written = self._file.fileno(), 0
+        with self._refusing():
+            try:
+                # In one call: a kill finds the file with the old end or with the new one.
+                while written < len(data):  # where the disk is full, less is written at first
+                    written += os.pwrite(descriptor, data[written:], start + written)
+                if durable:
+                    os.fsync(descriptor)
+            except OSError:
+                with contextlib.suppress(OSError):  # its space is still ours
+                    os.pwrite(descriptor, self._end, start)
+                    os.ftruncate(descriptor, start + len(self._end))
+                raise
         self._end = data[end - start :]
         self._tail.start = end
-        self._tail.data.clear()
+        self._tail.seek(0)
+        self._tail.truncate()
         self._sealed = time.monotonic()
         self._seal_seconds = self._sealed - begin
 
     def publish(self) -> None:
         """Seal, make it durable, and let it replace what `path` held."""
         self.seal(durable=True)
-        try:
+        with self._refusing():
             replace(self._temporary, self.path)
-        except OSError as error:
-            self.abandon()
-            raise self._failure(error) from None
 
     def close(self) -> None:
-        """Seal and close; does nothing the second time."""
-        if self._file is not None:
-            self.seal()
-            self.abandon()
-
-    def abandon(self) -> None:
         """Close without a seal, and remove the file if it was not published."""
         if self._file is not None:
             self._file.close()

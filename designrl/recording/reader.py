@@ -10,11 +10,11 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
-from mcap.records import Message
+from mcap.records import Channel
 
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, RecordingError
-from designrl.recording.scan import messages, scan
+from designrl.recording.scan import Scan
 
 # Only messages that we know are decoded: definitions in a stranger's file are not followed.
 _CLASSES = {
@@ -32,29 +32,26 @@ _DTYPES = {
     FieldDescriptor.TYPE_UINT64: np.uint64,
     FieldDescriptor.TYPE_BOOL: np.bool_,
 }
-_NONE = np.empty(0, dtype=np.uint32)
+_KINDS = {
+    RUN: "recording of a training run",
+    ROLLOUT: "recording of a rollout",
+    "unknown": "not a recording of designrl but an MCAP file of another program",
+}
 
 
-class Recording:
-    """A recording; use `read` to open one. Messages are decoded when they are asked for.
+class Recording(Scan):
+    """A recording; use `read` to open one. Messages are decoded when they are asked for."""
 
-    Attributes:
-        path: the file.
-        problem: why the file ends early, in words; None for a whole file.
-    """
-
-    def __init__(self, path: str | Path):
-        self._scan = scan(path)
-        self.path = Path(path)
-        self.problem = self._scan.problem
-        self._channels = {channel.topic: channel for channel in self._scan.channels.values()}
+    @cached_property
+    def _channels(self) -> dict[str, Channel]:
+        return {channel.topic: channel for channel in self.channels.values()}
 
     @property
     def kind(self) -> str:
         """ "run", "rollout", or "unknown" for files that are not ours."""
         # Topics and names of metadata are too plain to tell: others use the same.
-        types = {self._scan.schema(channel).name for channel in self._channels.values()}
-        about = {name for name, values in self._scan.metadata if "experiment" in values}
+        types = {self.schema(channel).name for channel in self._channels.values()}
+        about = {name for name, values in self.metadata_records if "experiment" in values}
         for kind, message in ((RUN, schema.Summary), (ROLLOUT, schema.Observation)):
             if message.DESCRIPTOR.full_name in types or kind in about:
                 return kind
@@ -64,36 +61,29 @@ class Recording:
     def metadata(self) -> dict[str, str]:
         """What the file says of its run or rollout."""
         kind, found = self.kind, {}
-        for name, values in self._scan.metadata:
+        for name, values in self.metadata_records:
             if name == kind:
                 found |= values  # of a rollout, the score comes at the end
         return found
 
     @property
-    def metadata_records(self) -> list[tuple[str, dict[str, str]]]:
-        """All metadata in the file's order: also of each resume, of thinning, of the end."""
-        return self._scan.metadata
-
-    @property
     def complete(self) -> bool:
         """The file is whole, and so is the run or rollout in it."""
-        if self.kind == "unknown":
-            return self.problem is None
-        end = dict(self._scan.metadata).get(END, {})
-        return self.problem is None and end.get("finished") == "true"
+        finished = dict(self.metadata_records).get(END, {}).get("finished") == "true"
+        return self.problem is None and (finished or self.kind == "unknown")
 
     @property
     def topics(self) -> dict[str, int]:
         """Topic -> number of messages."""
         return {
-            topic: self._scan.counts.get(channel.id, 0)
+            topic: self.counts.get(channel.id, 0)
             for topic, channel in sorted(self._channels.items())
         }
 
     @property
     def seconds(self) -> float:
         """s between the first and the last message."""
-        first, last = self._scan.times or (0, 0)
+        first, last = self.times or (0, 0)
         return (last - first) / 1e9
 
     def names(self, topic: str) -> list[str]:
@@ -102,8 +92,9 @@ class Recording:
         Raises:
             RecordingError: no such topic, or its names are damaged.
         """
+        about = self._channel(topic).metadata
         try:
-            names = json.loads(self._channel(topic).metadata.get("names", "[]"))
+            names = json.loads(about.get("names", "[]"))
         except (ValueError, RecursionError):
             names = None
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -116,27 +107,22 @@ class Recording:
         """Unit of the topic's dimensions, where it depends on the body."""
         return self._channel(topic).metadata.get("unit", "")
 
-    def raw(self, topic: str) -> Iterator[Message]:
-        """The topic's messages as they are in the file."""
-        return messages(self._scan, {self._channel(topic).id})
-
     def messages(self, topic: str) -> Iterator:
         """The topic's messages, decoded (protobuf objects; text for /robot_description).
 
         Raises:
             RecordingError: no such topic, or messages that are not of this package's kinds.
         """
-        name = self._scan.schema(self._channel(topic)).name
+        channel = self._channel(topic)
+        name = self.schema(channel).name
         kind = _CLASSES.get(name)
         if kind is None and name != "std_msgs/msg/String":
             raise RecordingError(f"{topic} in {self.path} has messages of unknown type {name!r}")
-        for message in self.raw(topic):
+        for message in self.raw({channel.id}):
             try:
                 yield kind.FromString(message.data) if kind else message.data[8:-1].decode()
             except (DecodeError, UnicodeDecodeError):
-                raise RecordingError(
-                    f"a message on {topic} in {self.path} is damaged; get the file again"
-                ) from None
+                raise self._damaged(topic) from None
 
     def first(self, topic: str):
         """The topic's first message, decoded.
@@ -164,8 +150,8 @@ class Recording:
         """
         channel = self._channel(topic)
         if field == "log_time":
-            return np.array([m.log_time for m in self.raw(topic)], dtype=np.int64)
-        kind = _CLASSES.get(self._scan.schema(channel).name)
+            return np.array([m.log_time for m in self.raw({channel.id})], dtype=np.int64)
+        kind = _CLASSES.get(self.schema(channel).name)
         found = kind.DESCRIPTOR.fields_by_name.get(field) if kind else None
         if found is None or found.type not in _DTYPES:
             fields = kind.DESCRIPTOR.fields if kind else ()
@@ -178,9 +164,7 @@ class Recording:
             row = np.array(getattr(message, field), dtype=_DTYPES[found.type])
             if kind is schema.Returns and row.ndim:
                 if not message.rollouts or row.size % message.rollouts:
-                    raise RecordingError(
-                        f"a message on {topic} in {self.path} is damaged; get the file again"
-                    )
+                    raise self._damaged(topic)
                 row = row.reshape(-1, message.rollouts)
             rows.append(row)
         if len({row.shape for row in rows}) > 1:
@@ -193,21 +177,23 @@ class Recording:
     def generations(self) -> np.ndarray:
         """(G,) indices of a run's generations."""
         is_run = self.kind == RUN and "/summary" in self._channels
-        return self.array("/summary", "generation") if is_run else _NONE
+        return self.array("/summary", "generation") if is_run else np.empty(0, dtype=np.uint32)
 
     def transforms(self) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
         """Part -> the part it hangs on, (T, 3) positions in m and (T, 4) quaternions x, y, z, w.
 
         Both as seen from the part it hangs on; all have the times of /tf.
         """
-        parents, values = {}, {}
+        found: dict[str, tuple[str, list]] = {}
         for message in self.messages("/tf"):
             for t in message.transforms:
-                parents[t.child_frame_id] = t.parent_frame_id
                 p, q = t.translation, t.rotation
-                values.setdefault(t.child_frame_id, []).append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
-        arrays = {part: np.array(rows) for part, rows in values.items()}
-        return {part: (parents[part], rows[:, :3], rows[:, 3:]) for part, rows in arrays.items()}
+                _, rows = found.setdefault(t.child_frame_id, (t.parent_frame_id, []))
+                rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+        return {part: (on, *np.split(np.array(rows), [3], 1)) for part, (on, rows) in found.items()}
+
+    def _damaged(self, topic: str) -> RecordingError:
+        return RecordingError(f"a message on {topic} in {self.path} is damaged; get the file again")
 
     def _channel(self, topic: str):
         if topic not in self._channels:
@@ -243,42 +229,33 @@ def describe(path: str | Path) -> str:
         RecordingError: it cannot be read, is not an MCAP file, or is damaged before all it held.
     """
     recording = read(path)
-    if recording.problem and not recording.metadata_records and not recording.topics:
+    topics, records = recording.topics, recording.metadata_records
+    if recording.problem and not records and not topics:
         raise RecordingError(
             f"{path} holds nothing to tell of ({recording.problem}); get it again, or record it "
             "anew"
         )
-    size = recording.path.stat().st_size
-    what = {
-        RUN: "recording of a training run",
-        ROLLOUT: "recording of a rollout",
-    }.get(recording.kind, "not a recording of designrl but an MCAP file of another program")
-    lines = [f"{path}: {what}, {size:,} bytes"]
+    lines = [f"{path}: {_KINDS[recording.kind]}, {recording.path.stat().st_size:,} bytes"]
     generations = recording.generations
     if len(generations):
-        mean = recording.array("/summary", "mean")
+        mean, steps = (recording.array("/summary", field)[-1] for field in ("mean", "total_steps"))
         lines.append(
             f"  generations {generations[0]} to {generations[-1]} ({len(generations)}); "
-            f"population mean {mean[-1]:.1f} in the last, "
-            f"{recording.array('/summary', 'total_steps')[-1]:,} environment steps"
+            f"population mean {mean:.1f} in the last, {steps:,} environment steps"
         )
-        missing = int(generations.max()) + 1 - len(set(generations.tolist()))
-        if missing:
+        if missing := int(generations.max()) + 1 - len(np.unique(generations)):
             lines.append(f"  {missing} generations are missing")
-    if recording.kind == RUN and recording.topics.get("/evaluation"):
+    if recording.kind == RUN and topics.get("/evaluation"):
         scores = recording.array("/evaluation", "mean")
         lines.append(f"  {len(scores)} evaluations, best {scores.max():.1f}")
-    if recording.kind == ROLLOUT and recording.topics.get("/reward"):
+    if recording.kind == ROLLOUT and topics.get("/reward"):
         total = recording.array("/reward", "total")
         lines.append(f"  {len(total)} steps, {recording.seconds:.2f} s, {total[-1]:.1f} points")
     if not recording.complete:
-        ended = END in dict(recording.metadata_records)
-        reason = recording.problem or (
-            "the run was stopped" if ended else "the run has not ended, or was killed"
-        )
+        stopped = "was stopped" if END in dict(records) else "has not ended, or was killed"
+        reason = recording.problem or f"the run {stopped}"
         lines.append(f"  incomplete ({reason}): {how_far(recording)}")
-    lines += [f"  {topic}: {count} messages" for topic, count in recording.topics.items()]
-    for name, values in recording.metadata_records:
-        lines.append(f"  {name}:")
-        lines += [f"    {key}: {value}" for key, value in values.items()]
+    lines += [f"  {topic}: {count} messages" for topic, count in topics.items()]
+    for name, values in records:
+        lines += [f"  {name}:", *(f"    {key}: {value}" for key, value in values.items())]
     return "\n".join(lines)

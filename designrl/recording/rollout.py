@@ -33,6 +33,9 @@ class RolloutWriter:
         env: an environment with a `designrl.bodies.Body` as its `body`, already reset.
         metadata: what to say of the rollout.
 
+    Attributes:
+        score: sum of the rewards so far.
+
     Raises (every method):
         RecordingError: the file cannot be written.
     """
@@ -41,7 +44,7 @@ class RolloutWriter:
         self._env, self._body = env.unwrapped, env.unwrapped.body
         parts = list(self._body.tree)
         self._parent_indices = [parts.index(p) for p in list(self._body.tree.values())[1:]]
-        self._step, self._total, self._shown_at = 0, 0.0, None
+        self._step, self._shown_at, self.score = 0, None, 0.0
         self._file = McapFile(path)
         self._file.metadata(ROLLOUT, metadata)  # first, so that a file that was cut has it
         robot = "/robot_description"
@@ -53,7 +56,7 @@ class RolloutWriter:
             message = schema.Terrain(x=profile[:, 0].tolist(), z=profile[:, 1].tolist())
             for x0, x1, z0, z1 in obstacles.tolist():
                 message.obstacles.add(x_min=x0, x_max=x1, z_min=z0, z_max=z1)
-            self._file.write("/terrain", message, 0, 0)
+            self._file.write(message, 0, 0)
         self._write_poses()
 
     def _now(self) -> int:
@@ -62,8 +65,7 @@ class RolloutWriter:
     def _write_poses(self) -> None:
         now = self._now()
         positions, rotations = self._body.poses(self._env)
-        place = positions[0].copy()
-        parents = self._parent_indices
+        place, parents = positions[0].copy(), self._parent_indices
         hanging = (positions[parents], rotations[parents]), (positions[1:], rotations[1:])
         positions[1:], rotations[1:] = relative(*hanging)
         message = FrameTransforms()
@@ -75,11 +77,11 @@ class RolloutWriter:
             t, r = transform.translation, transform.rotation
             t.x, t.y, t.z = p
             r.x, r.y, r.z, r.w = q
-        self._file.write("/tf", message, now, self._step)
+        self._file.write(message, now, self._step, topic="/tf")
         if self._shown_at is None or math.dist(place, self._shown_at) > GROUND_REFRESH:
             self._shown_at = place
             cloud = _point_cloud(*self._body.ground_near(self._env, place), now)
-            self._file.write("/ground", cloud, now, self._step)
+            self._file.write(cloud, now, self._step, topic="/ground")
 
     def step(self, observation, action, reward: float, info: dict) -> None:
         """Record a step, after the environment took it.
@@ -90,51 +92,40 @@ class RolloutWriter:
             reward: what it got.
             info: of the environment; "reward_terms" holds the parts of the reward, if any.
         """
-        body, env, step, write = self._body, self._env, self._step, self._file.write
-        before = self._now()
-        message = schema.Observation(step=step, values=np.float32(observation).tolist())
-        write("/observation", message, before, step, body.observations)
-        message = schema.Action(step=step, values=np.float32(action).tolist())
-        write("/action", message, before, step, body.joints)
+        body, env, step, before = self._body, self._env, self._step, self._now()
 
+        def write(kind, log_time, names=(), **fields):
+            self._file.write(kind(step=step, **fields), log_time, step, names)
+
+        seen, done = np.float32(observation).tolist(), np.float32(action).tolist()
+        write(schema.Observation, before, body.observations, values=seen)
+        write(schema.Action, before, body.joints, values=done)
         self._step += 1
         after = self._now()
-        self._total += float(reward)
+        self.score += float(reward)
         terms = info.get("reward_terms", {"reward": reward})
-        message = schema.Reward(step=step, reward=reward, total=self._total, terms=terms.values())
-        write("/reward", message, after, step, list(terms))
+        rewards = {"reward": reward, "total": self.score, "terms": terms.values()}
+        write(schema.Reward, after, list(terms), **rewards)
         if (states := body.joint_states(env)) is not None:
             angles, speeds, torques = states
-            message = schema.Joints(step=step, angles=angles, speeds=speeds, torques=torques)
-            write("/joints", message, after, step, body.joints)
+            write(schema.Joints, after, body.joints, angles=angles, speeds=speeds, torques=torques)
         if (touching := body.contacts(env)) is not None:
-            message = schema.Contacts(step=step, touching=touching)
-            write("/contacts", message, after, step, body.contact_names)
+            write(schema.Contacts, after, body.contact_names, touching=touching)
         if (rays := body.lidar(env)) is not None:
             (x, z), (end_x, end_z) = rays[0, 0].tolist(), rays[:, 1].T.tolist()
-            message = schema.Lidar(step=step, origin_x=x, origin_z=z, end_x=end_x, end_z=end_z)
-            write("/lidar", message, after, step)
+            write(schema.Lidar, after, origin_x=x, origin_z=z, end_x=end_x, end_z=end_z)
         self._write_poses()
-
-    @property
-    def score(self) -> float:
-        """Sum of the rewards so far."""
-        return self._total
-
-    def close(self) -> None:
-        """Put the file in place."""
-        self._file.metadata(ROLLOUT, {"score": self._total, "steps": self._step})
-        self._file.metadata(END, {"finished": "true"})
-        self._file.publish()
-        self._file.abandon()
 
     def __enter__(self) -> "RolloutWriter":
         return self
 
     def __exit__(self, kind, error, traceback) -> None:
+        """Put the file in place, unless the episode has failed."""
         if kind is None:
-            self.close()
-        self._file.abandon()
+            self._file.metadata(ROLLOUT, {"score": self.score, "steps": self._step})
+            self._file.metadata(END, {"finished": "true"})
+            self._file.publish()
+        self._file.close()
 
 
 def _caption(metadata: dict) -> str:

@@ -6,8 +6,7 @@ import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterator
 from io import BytesIO
 from pathlib import Path
 
@@ -26,46 +25,14 @@ MAX_RECORD_BYTES = 2**25  # of one record, and of one chunk when decompressed; o
 MAX_GROWTH, FREE_BYTES = 30, 2**25
 
 
-@dataclass
-class Scan:
-    """What a file holds.
-
-    Attributes:
-        metadata: name and values of each metadata record.
-        channels, schemas: by id.
-        counts: messages per channel id.
-        blocks: offset and length of each chunk, and of each message outside of a chunk.
-        times: smallest and largest log time in ns; None without messages.
-        problem: why reading ended early; None for a complete file.
-    """
-
-    path: Path
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    counts: Counter = field(default_factory=Counter)
-    blocks: list[tuple[int, int]] = field(default_factory=list)
-    times: tuple[int, int] | None = None
-    problem: str | None = None
-
-    def schema(self, channel: Channel) -> Schema:
-        """What the channel's messages are; nameless where the file does not say."""
-        return self.schemas.get(channel.schema_id) or Schema(0, b"", "", "")
-
-
-class _DamageError(Exception):
+class _DamageError(ValueError):
     """The file makes no sense from here on; the message says why."""
 
 
-# What parsing a damaged record can raise.
-_PARSE_ERRORS = (
-    _DamageError,
-    struct.error,
-    McapError,
-    UnicodeDecodeError,
-    RuntimeError,
-    OverflowError,  # a length of 2⁶³ or more
-)
+# What parsing a damaged record can raise; of numbers, a length of 2⁶³ or more.
+_PARSE_ERRORS = (ValueError, struct.error, McapError, RuntimeError, OverflowError)
+_IN_CHUNKS = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
+_READ = (*_IN_CHUNKS, Opcode.CHUNK, Opcode.METADATA)
 
 
 def _parse(kind, body: bytes):
@@ -111,9 +78,6 @@ def _inside(opcode: int, body: bytes) -> Iterator[tuple[int, bytes]]:
         position += length
 
 
-_IN_CHUNKS = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
-
-
 def _message(body: bytes) -> Message:
     channel_id, sequence, log_time, publish_time = struct.unpack_from("<HIQQ", body)
     if log_time >= 2**63:
@@ -121,99 +85,110 @@ def _message(body: bytes) -> Message:
     return Message(channel_id, log_time, body[22:], publish_time, sequence)
 
 
-def scan(path: str | Path) -> Scan:
-    """Read a file from front to back and say what is in it.
+class Scan:
+    """What an MCAP file holds, not decoded; one that was cut off or damaged is read up to there.
 
-    A file that was cut off or damaged is read up to there; `problem` says why it ended.
+    Attributes:
+        path: the file.
+        problem: why it ends early, in words; None for a whole file.
+        metadata_records: all metadata in the file's order: name and values of each record.
+        channels, schemas: by id.
+        counts: messages per channel id.
+        times: smallest and largest log time in ns; None without messages.
 
     Raises:
         RecordingError: it cannot be opened or is not an MCAP file at all.
     """
-    found = Scan(Path(path))
-    try:
-        if found.path.is_fifo():
-            raise RecordingError(f"{path} is not a file; name a recording")
-        with open(path, "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise RecordingError(f"{path} is not an MCAP file; name a recording")
-            found.problem = _scan_records(file, size, found)
-    except OSError as error:
-        raise RecordingError(
-            f"{path} cannot be read ({error.strerror}); check its name and permissions"
-        ) from None
-    return found
 
-
-_READ = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
-
-
-def _scan_records(file, size: int, found: Scan) -> str | None:
-    """Fill in `found`; returns why the file ended early, or None."""
-    room = FREE_BYTES + MAX_GROWTH * size  # for what chunks decompress to
-    while True:
-        offset = file.tell()
-        head = file.read(9)
-        if len(head) < 9:
-            return "the file ends before its index"
-        opcode, length = struct.unpack("<BQ", head)
-        if length > size - offset - 9:
-            return "the file ends in the middle of a record"
-        if opcode == Opcode.FOOTER:
-            file.seek(length, os.SEEK_CUR)
-            whole = file.read(len(MCAP0_MAGIC) + 1) == MCAP0_MAGIC
-            return None if whole else "the file does not end where it should"
-        if opcode not in _READ:
-            file.seek(length, os.SEEK_CUR)
-            continue
-        if length > MAX_RECORD_BYTES:
-            return "a record declares an absurd size"
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        self.metadata_records: list[tuple[str, dict[str, str]]] = []
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.counts: Counter[int] = Counter()
+        self.times: tuple[int, int] | None = None
+        # Offset and length of each chunk, and of each message outside of a chunk.
+        self._blocks: list[tuple[int, int]] = []
         try:
-            body = file.read(length)
-            if opcode == Opcode.CHUNK:
-                room -= _parse(Chunk, body).uncompressed_size
-                if room < 0:
-                    return "its chunks declare an absurd size"
-            _scan_block(opcode, body, (offset, length + 9), found)
-        except _PARSE_ERRORS as error:
-            return str(error) if isinstance(error, _DamageError) else "a record is damaged"
+            if self.path.is_fifo():
+                raise RecordingError(f"{path} is not a file; name a recording")
+            with open(path, "rb") as file:
+                if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                    raise RecordingError(f"{path} is not an MCAP file; name a recording")
+                self.problem = self._read(file, os.fstat(file.fileno()).st_size)
+        except OSError as error:
+            raise RecordingError(
+                f"{path} cannot be read ({error.strerror}); check its name and permissions"
+            ) from None
 
+    def _read(self, file, size: int) -> str | None:
+        """Read from front to back; returns why the file ended early, or None."""
+        room = FREE_BYTES + MAX_GROWTH * size  # for what chunks decompress to
+        while True:
+            offset = file.tell()
+            head = file.read(9)
+            if len(head) < 9:
+                return "the file ends before its index"
+            opcode, length = struct.unpack("<BQ", head)
+            if length > size - offset - 9:
+                return "the file ends in the middle of a record"
+            if opcode == Opcode.FOOTER:
+                file.seek(length, os.SEEK_CUR)
+                whole = file.read(len(MCAP0_MAGIC) + 1) == MCAP0_MAGIC
+                return None if whole else "the file does not end where it should"
+            if opcode not in _READ:
+                file.seek(length, os.SEEK_CUR)
+                continue
+            if length > MAX_RECORD_BYTES:
+                return "a record declares an absurd size"
+            try:
+                body = file.read(length)
+                if opcode == Opcode.CHUNK:
+                    room -= _parse(Chunk, body).uncompressed_size
+                    if room < 0:
+                        return "its chunks declare an absurd size"
+                self._add(opcode, body)
+            except _PARSE_ERRORS as error:
+                return str(error) if isinstance(error, _DamageError) else "a record is damaged"
+            if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
+                self._blocks.append((offset, length + 9))
 
-def _scan_block(opcode: int, body: bytes, place: tuple[int, int], found: Scan) -> None:
-    # All of a block or none of it: what is counted here is what `messages` will yield.
-    counts, times = Counter(), found.times
-    for inner, data in _inside(opcode, body):
-        if inner == Opcode.MESSAGE:
-            message = _message(data)
-            counts[message.channel_id] += 1
-            first, last = times or (message.log_time, message.log_time)
-            times = min(first, message.log_time), max(last, message.log_time)
-        elif inner == Opcode.SCHEMA:
-            schema = _parse(Schema, data)
-            found.schemas[schema.id] = schema
-        elif inner == Opcode.CHANNEL:
-            channel = _parse(Channel, data)
-            found.channels[channel.id] = channel
-        elif inner == Opcode.METADATA:
-            record = _parse(Metadata, data)
-            found.metadata.append((record.name, record.metadata))
-    if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
-        found.blocks.append(place)
-    found.counts.update(counts)
-    found.times = times
+    def _add(self, opcode: int, body: bytes) -> None:
+        # All messages of a block or none: what is counted here is what `raw` will yield.
+        counts, times = Counter(), self.times
+        for inner, data in _inside(opcode, body):
+            if inner == Opcode.MESSAGE:
+                message = _message(data)
+                counts[message.channel_id] += 1
+                first, last = times or (message.log_time, message.log_time)
+                times = min(first, message.log_time), max(last, message.log_time)
+            elif inner == Opcode.SCHEMA:
+                schema = _parse(Schema, data)
+                self.schemas[schema.id] = schema
+            elif inner == Opcode.CHANNEL:
+                channel = _parse(Channel, data)
+                self.channels[channel.id] = channel
+            elif inner == Opcode.METADATA:
+                record = _parse(Metadata, data)
+                self.metadata_records.append((record.name, record.metadata))
+        self.counts.update(counts)
+        self.times = times
 
+    def schema(self, channel: Channel) -> Schema:
+        """What the channel's messages are; nameless where the file does not say."""
+        return self.schemas.get(channel.schema_id) or Schema(0, b"", "", "")
 
-def messages(found: Scan, channel_ids: set[int]) -> Iterator[Message]:
-    """The messages of some channels of a scanned file, in the file's order, block by block."""
-    try:
-        with open(found.path, "rb") as file:
-            for offset, length in found.blocks:
-                file.seek(offset)
-                record = file.read(length)
-                for opcode, body in _inside(record[0], record[9:]):
-                    if opcode == Opcode.MESSAGE:
-                        message = _message(body)
-                        if message.channel_id in channel_ids:
-                            yield message
-    except (OSError, IndexError, *_PARSE_ERRORS):
-        raise RecordingError(f"{found.path} changed while it was read; open it again") from None
+    def raw(self, channels: Container[int]) -> Iterator[Message]:
+        """The messages of some channels, by id, in the file's order, block by block."""
+        try:
+            with open(self.path, "rb") as file:
+                for offset, length in self._blocks:
+                    file.seek(offset)
+                    record = file.read(length)
+                    for opcode, body in _inside(record[0], record[9:]):
+                        if opcode == Opcode.MESSAGE:
+                            message = _message(body)
+                            if message.channel_id in channels:
+                                yield message
+        except (OSError, IndexError, *_PARSE_ERRORS):
+            raise RecordingError(f"{self.path} changed while it was read; open it again") from None
