@@ -99,7 +99,7 @@ class Step {
       body.xf.q = motion.q;
       body.xf.p = motion.c - mul(motion.q, body.sweep.local_center);
     }
-    rest(world, solved);
+    fall_asleep(world, solved);
     for (int b = kBodies - 1; b >= 0; --b) world.synchronize_box(b);
     world.find_new_contacts();
     solve_continuous(world);
@@ -146,7 +146,7 @@ class Step {
 
   // Sleep of b2Island::Solve: half a second without motion stops the bodies for the rest of this
   // step (the next command wakes them).
-  static void rest(World& world, bool solved) {
+  static void fall_asleep(World& world, bool solved) {
     const float linear = kLinearSleepTolerance * kLinearSleepTolerance;
     const float angular = kAngularSleepTolerance * kAngularSleepTolerance;
     float shortest = kMaxFloat;
