@@ -28,7 +28,8 @@ from designrl.policy import Agent
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
 BACKENDS = ("engine", "reference")
-EPISODE_SECONDS = 30.0  # at most, on a busy machine; an episode takes 0.4 s on an idle one
+# At most, on a busy machine; an episode takes 0.4 s on an idle one.
+START_SECONDS, EPISODE_SECONDS = 120.0, 30.0
 PIECES_PER_WORKER = 8  # of a generation: enough to keep all workers busy to the end of it
 ENGINE_LANES = 16  # episodes that the engine runs side by side in one thread
 
@@ -224,7 +225,7 @@ class Simulator:
         places = _pieces(*seeds.shape, count, least)
         while places:
             tasks = [(rows, seeds[rows, columns]) for rows, columns in places]
-            longest = EPISODE_SECONDS * max(piece.size for _, piece in tasks)
+            longest = START_SECONDS + EPISODE_SECONDS * max(piece.size for _, piece in tasks)
             done = set()
             try:
                 for index, result in run(function, candidates, tasks, longest):

@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -114,45 +115,37 @@ def square_but(what, marker, candidates):
     return candidates[0, 0] ** 2
 
 
-@pytest.mark.parametrize("what", ["dies", "hangs", "raises"])
-def test_a_worker_that_fails_is_replaced_and_its_work_done_again(
-    what, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.setattr("designrl.workers.START_SECONDS", 8.0)
-    function = partial(square_but, what, str(tmp_path / "once"))
-    with ProcessWorkers(2) as workers:
-        result = dict(workers.run(function, CANDIDATES, TASKS, seconds=0))
-    assert result == {i: i * i for i in range(6)}
-    errors = capsys.readouterr().err
-    assert errors.count("\n") == 1
-    reason = {"dies": "ended with exit code 1", "hangs": "no answer for 8 s", "raises": "raised"}
-    assert reason[what] in errors and "its work done again" in errors
+@pytest.fixture
+def pool():
+    with closing(ProcessWorkers(2)) as workers:
+        yield workers
     assert not multiprocessing.active_children()
 
 
-def test_a_task_that_kills_every_worker_is_named(tmp_path, capsys):
-    function = partial(square_but, "dies", str(tmp_path / "always"))
-    with ProcessWorkers(1) as workers, pytest.raises(TaskError, match="exit code 1") as caught:
-        dict(workers.run(function, CANDIDATES, TASKS))
+@pytest.mark.parametrize("what", ["dies", "hangs", "raises"])
+def test_a_task_is_done_again_and_named_where_it_fails_each_time(what, pool, tmp_path, capsys):
+    run = partial(pool.run, candidates=CANDIDATES, tasks=TASKS, seconds=1)
+    once, always = (partial(square_but, what, str(tmp_path / n)) for n in ("once", "always"))
+    assert dict(run(once)) == {i: i * i for i in range(6)}
+    assert capsys.readouterr().err.count("it is done again\n") == 1
+    with pytest.raises(TaskError, match="something" if what == "raises" else "died") as caught:
+        dict(run(always))
     assert caught.value.index == 3
     assert capsys.readouterr().err.count("\n") == 2
 
 
-def test_workers_that_were_killed_while_idle_are_replaced(capsys):
-    with ProcessWorkers(2) as workers:
-        for _ in range(2):
-            assert dict(workers.run(np.sum, CANDIDATES, TASKS)) == dict(enumerate(range(6)))
-            for process in multiprocessing.active_children():
-                process.kill()
-    assert capsys.readouterr().err.count("died of signal 9") == 2
+def test_workers_that_were_killed_while_idle_are_replaced(pool):
+    for _ in range(2):
+        assert dict(pool.run(np.sum, CANDIDATES, TASKS, 60)) == dict(enumerate(range(6)))
+        for process in multiprocessing.active_children():
+            process.kill()
 
 
 def test_a_script_without_a_guard_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import numpy as np\nfrom designrl.workers import ProcessWorkers\n"
-        "with ProcessWorkers(2) as workers:\n"
-        "    print(dict(workers.run(np.sum, np.ones((2, 1)), [(slice(2),)] * 4)))"
+        "print(dict(ProcessWorkers(2).run(np.sum, np.ones((2, 1)), [(slice(2),)] * 4, 60)))"
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True)
     assert done.returncode == 1 and done.stderr.count("Traceback") == 1
@@ -163,7 +156,7 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
 def test_workers_end_when_their_parent_is_killed(tmp_path):
     code = (
         "import sys; sys.path.insert(0, 'tests'); from test_simulation import *\n"
-        "workers = ProcessWorkers(2); run = workers.run(np.sum, CANDIDATES, TASKS); next(run)\n"
+        "workers = ProcessWorkers(2); run = workers.run(np.sum, CANDIDATES, TASKS, 60); next(run)\n"
         "print(*[p.pid for p in multiprocessing.active_children()], flush=True); time.sleep(1000)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
