@@ -60,12 +60,9 @@ def _train(args) -> None:
         print(f"{out} has {done} generations; give --generations more than that to go on")
         return
     if args.dry_run:
-        from designrl import plan
+        from designrl.plan import dry_run
 
-        found = plan.plan(run)
-        print(plan.describe(run, found))
-        plan.check_disk(run, found)
-        return
+        return dry_run(run)
     if args.resume and not run.progress.generation:
         others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
         print(

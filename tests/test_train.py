@@ -369,31 +369,27 @@ def test_a_few_kills_change_nothing(tmp_path):
     assert done.total() == 3
 
 
-def test_a_plan_counts_what_a_run_does(tmp_path):
+def test_a_dry_run_says_what_the_run_then_takes(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(plan, "CALIBRATION_SECONDS", 0.1)
     out = tmp_path / "run"
     run = TrainingRun(settings(generations=7), out, backend="reference")
-    found = plan.plan(run)
+    plan.dry_run(run)
     assert not out.exists()
-    assert (found.generations, found.rollouts) == (7, 4)
-    assert found.training_episodes == 7 * 8
-    assert found.evaluation_episodes == 4 * 3
-    assert 10 < found.steps_at_start <= found.steps_at_most == 1600
+    lines = capsys.readouterr().out.splitlines()
+    assert "population 4" in lines[1] and "steps/s with --workers 1, reference backend" in lines[3]
+    assert "7 generations, 56 episodes in training and 12 in evaluations" in lines[2]
+    assert f"{(56 + 12) * 1600:,} if all last 1600" in lines[4]
+    generation, rollout = plan.recorded_bytes(run, 1600)
     run.run()
-    recorded = (out / "generations.mcap").stat().st_size
-    assert 0.5 * recorded < found.recording_bytes < 1.5 * recorded
-    rollouts = sum(path.stat().st_size for path in (out / "rollouts").iterdir())
-    assert rollouts < 1.5 * found.rollouts * found.rollout_bytes
-    assert plan.plan(run).episodes == 0
-    lines = plan.describe(run, found).splitlines()
-    assert "56 episodes in training and 12 in evaluations" in lines[2]
+    assert 0.5 < (out / "generations.mcap").stat().st_size / (7 * generation) < 1.5
+    assert sum(p.stat().st_size for p in (out / "rollouts").iterdir()) < 1.5 * 4 * rollout
 
 
-def test_a_plan_that_does_not_fit_on_the_disk_is_refused(tmp_path, monkeypatch):
+def test_a_dry_run_refuses_what_does_not_fit_on_the_disk(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "CALIBRATION_SECONDS", 0.01)
     usage = shutil.disk_usage(tmp_path)._replace(free=2 * 10**9)
     monkeypatch.setattr(plan.shutil, "disk_usage", lambda _: usage)
-    run = TrainingRun(settings(), tmp_path, backend="reference")
-    plan.check_disk(run, plan.plan(run))
+    plan.dry_run(TrainingRun(settings(), tmp_path, backend="reference"))
     run = TrainingRun(settings(generations=10**6), tmp_path, backend="reference")
     with pytest.raises(InputError, match=r"will take .* GB and 2 GB are free"):
-        plan.check_disk(run, plan.plan(run))
+        plan.dry_run(run)
