@@ -4,10 +4,12 @@ import math
 import shutil
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import gymnasium
 import numpy as np
+from tqdm import tqdm
 
 from designrl.errors import InputError
 from designrl.policy import Agent
@@ -40,6 +42,7 @@ def dry_run(run: TrainingRun) -> None:
     existing = next(p for p in (run.out.absolute(), *run.out.absolute().parents) if p.exists())
     free = shutil.disk_usage(existing).free
 
+    size = partial(tqdm.format_sizeof, suffix="B")
     chosen = {k: v for k, v in settings.as_dict().items() if v is not None and k != "experiment"}
     where = f"on Ray ({run.ray})" if run.ray else f"with --workers {run.workers}"
     print(
@@ -50,13 +53,13 @@ def dry_run(run: TrainingRun) -> None:
         f"  speed     {speed:,.0f} steps/s {where}, {backend} backend\n"
         f"  steps     {low:,.0f} if episodes stay as short as at the start ({shortest:.0f} steps), "
         f"{high:,} if all last {longest}\n"
-        f"  time      {_duration(low / speed)} to {_duration(high / speed)}\n"
-        f"  disk      {_size(disk)} at most, {_size(recording)} of it for generations.mcap (a "
-        f"resume needs that once more, for a moment); {_size(free)} are free"
+        f"  time      {tqdm.format_interval(low / speed)} to {tqdm.format_interval(high / speed)}\n"
+        f"  disk      {size(disk)} at most, {size(recording)} of it for generations.mcap (a "
+        f"resume needs that once more, for a moment); {size(free)} are free"
     )
     if disk > free:
         raise InputError(
-            f"the recordings in {run.out} will take {_size(disk)} and {_size(free)} are free; free "
+            f"the recordings in {run.out} will take {size(disk)} and {size(free)} are free; free "
             "some space, or choose another place with --out or fewer --generations"
         )
 
@@ -100,18 +103,3 @@ def recorded_bytes(run: TrainingRun, longest: int) -> tuple[float, float]:
         path = Path(folder) / "rollout.mcap"
         record_rollout(Agent(run.experiment, run.candidates()[0]), path, 0)
         return generation, path.stat().st_size / read(path).topics["/reward"] * longest
-
-
-def _size(count: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:,.3g} TB"
-
-
-def _duration(seconds: float) -> str:
-    for unit, limit, length in (("s", 120, 1), ("min", 7200, 60), ("h", 172_800, 3600)):
-        if seconds < limit:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds / 86400:,.1f} days"

@@ -48,19 +48,18 @@ class TaskError(Exception):
 def run_here(
     function: Callable, candidates: np.ndarray, tasks: Sequence[tuple], _seconds: float
 ) -> Results:
-    """In this process, where no task is done again and none is too long."""
+    """In this process: a task that fails, with an InputError too, is at fault at once."""
     for index, (rows, *arguments) in enumerate(tasks):
         try:
             result = function(candidates[rows], *arguments)
-        except InputError:
-            raise
         except Exception as error:
             raise TaskError(index, _one_line(error)) from error
         yield index, result
 
 
 def _one_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}".replace("\n", " ")[:300]
+    name = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+    return f"{name}{error}".replace("\n", " ")[:300]
 
 
 def _in_time(seconds: float, function: Callable, *arguments):

@@ -16,12 +16,7 @@ from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.policy import Agent
-from designrl.simulation import (
-    PIECES_PER_WORKER,
-    CandidateError,
-    Simulator,
-    _pieces,
-)
+from designrl.simulation import PIECES_PER_WORKER, CandidateError, Simulator, _pieces
 from designrl.workers import ProcessWorkers, TaskError
 
 
@@ -36,50 +31,40 @@ def test_rollout_is_the_episode_that_a_user_would_run():
     seeds = np.array([[3, 4], [5, 6]])
     with Simulator(name, backend="reference") as simulator:
         result = simulator.rollout(parameters, seeds)
-    for i in range(2):
+    for i, j in np.ndindex(2, 2):
         agent = Agent(get_experiment(name), parameters[i])
-        for j in range(2):
-            env = gymnasium.make(agent.experiment.env_id, design=agent.design)  # not our own loop
-            observation, _ = env.reset(seed=int(seeds[i, j]))
-            total, steps, ended = 0.0, 0, False
-            while not ended:
-                observation, reward, terminated, truncated, _ = env.step(
-                    agent.act(observation, steps)
-                )
-                total, steps, ended = total + reward, steps + 1, terminated or truncated
-            assert (result.returns[i, j], result.steps[i, j]) == (total, steps)
+        env = gymnasium.make(agent.experiment.env_id, design=agent.design)  # not our own loop
+        observation, _ = env.reset(seed=int(seeds[i, j]))
+        total, steps, ended = 0.0, 0, False
+        while not ended:
+            action = agent.act(observation, steps)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            total, steps, ended = total + reward, steps + 1, terminated or truncated
+        assert (result.returns[i, j], result.steps[i, j]) == (total, steps)
 
 
 def test_results_do_not_depend_on_the_number_of_workers():
     parameters = candidates("biped-morphology", 3)
     seeds = np.arange(12).reshape(3, 4)
-    results = []
-    for workers in (1, 2, 3):
+    one = Simulator("biped-morphology", "reference").rollout(parameters, seeds)
+    for workers in (2, 3):
         with Simulator("biped-morphology", "reference", workers=workers) as simulator:
-            results.append(simulator.rollout(parameters, seeds))
-    for other in results[1:]:
-        np.testing.assert_array_equal(other.returns, results[0].returns)
-        np.testing.assert_array_equal(other.steps, results[0].steps)
+            more = simulator.rollout(parameters, seeds)
+        np.testing.assert_array_equal(more.returns, one.returns)
+        np.testing.assert_array_equal(more.steps, one.steps)
 
 
-def test_shaped_rewards_forgive_the_fall():
-    parameters, seeds = candidates("biped", 4), np.arange(4)[:, None]
+def test_shaped_rewards_forgive_the_fall_and_add_a_hundred_to_a_solved_episode(zoo_agent):
+    parameters = np.array([*candidates("biped", 4), zoo_agent("biped").parameters])
+    seeds = np.arange(5)[:, None]
     with Simulator("biped", "reference") as simulator:
         plain = simulator.rollout(parameters, seeds)
         shaped = simulator.rollout(parameters, seeds, shaped=True)
-    fell = plain.steps < 1600
-    assert fell.any()
-    np.testing.assert_allclose((shaped.returns - plain.returns)[fell], 100.0)
+    changed = plain.steps < 1600
+    assert changed[:4].any() and plain.returns[4] > 300
+    changed[4] = True
+    np.testing.assert_allclose(shaped.returns - plain.returns, np.where(changed, 100.0, 0.0))
     np.testing.assert_array_equal(plain.steps, shaped.steps)
-
-
-def test_shaped_rewards_add_a_hundred_to_a_solved_episode(zoo_agent):
-    agent = zoo_agent("biped-morphology")
-    with Simulator("biped-morphology", "reference") as simulator:
-        plain = simulator.rollout(agent.parameters[None], np.array([[0]]))
-        shaped = simulator.rollout(agent.parameters[None], [[0]], shaped=True)
-    assert plain.returns[0, 0] > 300
-    assert shaped.returns[0, 0] == pytest.approx(plain.returns[0, 0] + 100)
 
 
 def test_smaller_legs_multiply_the_rewards_of_training_only():
@@ -177,23 +162,16 @@ def alive(pid):
         return False
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_candidate_that_cannot_be_simulated_is_named(workers, monkeypatch):
-    parameters = candidates("biped", 3)
-    parameters[1, 5] = np.nan
-    with (
-        Simulator("biped", "reference", workers=workers) as simulator,
-        pytest.raises(InputError, match="parameter 5 is not a finite"),
-    ):
-        simulator.rollout(parameters, np.zeros((3, 1), dtype=int))
+def test_a_candidate_that_cannot_be_simulated_is_named(monkeypatch):
     pieces = [(slice(0, 2), slice(0, 1)), (slice(2, 3), slice(0, 1))]
     monkeypatch.setattr("designrl.simulation._pieces", lambda *_: pieces)
     monkeypatch.setattr("designrl.simulation.run_episode", fail_for_seed_eight)
     with (
         Simulator("biped", "reference") as simulator,
-        pytest.raises(CandidateError, match="candidate 1 cannot be simulated: Runtime"),
+        pytest.raises(CandidateError, match="candidate 1 cannot be simulated: Runtime") as caught,
     ):
         simulator.rollout(candidates("biped", 3), np.array([[7], [8], [9]]))
+    assert (caught.value.index, caught.value.seeds) == (1, [8])
 
 
 def fail_for_seed_eight(env, agent, seed, shaping):
@@ -217,27 +195,28 @@ def test_pieces_cover_every_episode_once(n, r, workers, least):
 
 
 def test_wrong_input_is_refused():
-    with pytest.raises(InputError, match="backend"):
-        Simulator("biped", backend="gpu")
-    with Simulator("biped", "reference") as simulator:
-        with pytest.raises(InputError, match=r"\(N, 2804\)"):
-            simulator.rollout(np.zeros((2, 2812)), np.zeros((2, 1)))
-        with pytest.raises(InputError, match="one row per candidate"):
-            simulator.rollout(np.zeros((2, 2804)), np.zeros((3, 1)))
-        for seeds in ([[0.5]], [["a"]], [[-1]], np.zeros((1, 0), dtype=int)):
-            with pytest.raises(InputError, match="a whole number from 0"):
-                simulator.rollout(np.zeros((1, 2804)), seeds)
-        with pytest.raises(InputError, match="candidate 1: parameter 0 is not a finite"):
-            simulator.rollout([[0.0] * 2804, [np.nan] * 2804], [[0], [0]])
-    with pytest.raises(InputError, match="lidar is 'v9'"):
-        Simulator("biped", lidar="v9")
-    with pytest.raises(InputError, match="ant has no lidar; leave it out"):
-        Simulator("ant", lidar="v3")
-    with pytest.raises(InputError, match="does not have the network"):
-        Simulator("biped", network=PUBLISHED_ANT_NETWORK)
-    agent = Agent(get_experiment("biped"), np.zeros(2804))
+    for words, arguments in (
+        ("backend", {"backend": "gpu"}),
+        ("lidar is 'v9'", {"lidar": "v9"}),
+        ("biped has no speed; leave it out", {"speed": 3}),
+        ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),
+    ):
+        with pytest.raises(InputError, match=words):
+            Simulator("biped", **arguments)
+    nans = [[0.0] * 2804, [np.nan] * 2804]
+    for words, parameters, seeds in (
+        (r"\(N, 2804\)", np.zeros((2, 2812)), np.zeros((2, 1))),
+        ("one row per candidate", np.zeros((2, 2804)), np.zeros((3, 1))),
+        ("candidate 1: parameter 0 is not a finite", nans, [[0], [0]]),
+        *(
+            ("a whole number from 0", np.zeros((1, 2804)), seeds)
+            for seeds in ([[0.5]], [["a"]], [[-1]], [[2**63]], np.zeros((1, 0), dtype=int))
+        ),
+    ):
+        with pytest.raises(InputError, match=words):
+            Simulator("biped", "reference").rollout(parameters, seeds)
     with pytest.raises(InputError, match="needs 1 to"):
-        evaluate(agent, episodes=0)
+        evaluate(Agent(get_experiment("biped"), np.zeros(2804)), episodes=0)
 
 
 # The paper's mean ± std over 100 rollouts of the runs whose weights are published (section 4).
