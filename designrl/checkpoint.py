@@ -43,8 +43,7 @@ def _read(path: Path) -> bytes:
         )
     if len(data) > MAX_FILE_BYTES:
         raise InputError(
-            f"{path} has {path.stat().st_size:,} bytes, too many for what it should be; name "
-            "another"
+            f"{path} has {path.stat().st_size:,} bytes, too many for such a file; name another"
         )
     return data
 
@@ -217,8 +216,7 @@ def describe(path: str | Path) -> str:
     if agent.design is not None:
         space = agent.experiment.design
         lines.append(f"design       in % of the original, and in {space.unit}")
-        for name, scale, size in zip(
-            space.names, agent.design, space.dimensions(agent.design), strict=True
-        ):
+        rows = zip(space.names, agent.design, space.dimensions(agent.design), strict=True)
+        for name, scale, size in rows:
             lines.append(f"  {name:28} {100 * scale:6.1f} %  {size:8.3f}")
     return "\n".join(lines)

@@ -63,7 +63,8 @@ def _train(args) -> None:
     if args.dry_run:
         from designrl.plan import dry_run
 
-        return dry_run(run)
+        dry_run(run)
+        return
     if args.resume and not run.progress.generation:
         others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
         others = f" ({out.parent} has {others})" if others else ""

@@ -1,10 +1,9 @@
 """Where simulations run: in this process, in processes beside it, or on a Ray cluster.
 
 All three have one method, `run(function, candidates, tasks, seconds)`. A task is (rows, *arguments)
-and its result `function(candidates[rows], *arguments)`; (index, result) of each come as they are
-ready, in any order. Which worker did a task never matters, so one that dies, fails or takes longer
-than `seconds` is replaced and its task done again; a task that fails three times is at fault itself
-(TaskError). An InputError of the function ends the run.
+and its result `function(candidates[rows], *arguments)`; (index, result) come as they are ready.
+Which worker did a task never matters: one that dies, fails or takes longer than `seconds` is
+replaced and its task done again. A task that fails three times is at fault itself (TaskError).
 """
 
 import math

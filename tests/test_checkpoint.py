@@ -21,8 +21,7 @@ from designrl.policy import Agent
 
 def make_agent(name="biped-morphology", network=None, **metadata):
     experiment = get_experiment(name)
-    size = (network or experiment.network).num_parameters
-    size += experiment.design.size if experiment.design else 0
+    size = experiment.parameters_with(network or experiment.network)
     parameters = np.random.default_rng(0).standard_normal(size)
     return Agent(experiment, parameters, network, metadata)
 

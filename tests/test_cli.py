@@ -105,8 +105,8 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
 
 def test_a_dry_run_starts_nothing(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("designrl.plan.CALIBRATION_SECONDS", 0.1)
-    words = ["train", "biped", "--population", "4", "--dry-run", "--out", str(tmp_path / "r")]
-    main([*words, "--workers", "1", "--generations", "50"])
+    words = "train biped --population 4 --dry-run --workers 1 --generations 50 --out"
+    main([*words.split(), str(tmp_path / "r")])
     assert "are free" in capsys.readouterr().out
     assert not (tmp_path / "r").exists()
 
