@@ -43,8 +43,7 @@ def _read(path: Path) -> bytes:
         )
     if len(data) > MAX_FILE_BYTES:
         raise InputError(
-            f"{path} has {path.stat().st_size:,} bytes, too many for what it should be; name "
-            "another"
+            f"{path} has {path.stat().st_size:,} bytes, too many for such a file; name another"
         )
     return data
 
@@ -179,17 +178,6 @@ def _read_published(path: Path) -> tuple[np.ndarray, float]:
         ) from None
 
 
-def _describe_state(path: Path, metadata: dict) -> str:
-    progress = metadata.get("progress", {})
-    lines = [
-        f"{path}: state of a training run of {metadata.get('experiment')}; "
-        "`designrl train ... --resume` goes on with it",
-        *(f"{key:15}  {value}" for key, value in progress.items()),
-        f"{'settings':15}  {metadata.get('settings')}",
-    ]
-    return "\n".join(lines)
-
-
 def describe(path: str | Path) -> str:
     """What a checkpoint, training state or 2018 .json holds and where it came from, as text.
 
@@ -201,7 +189,11 @@ def describe(path: str | Path) -> str:
         parameters, score = _read_published(path)
         return f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
     with contextlib.suppress(InputError):  # if it is no state, `load` says what is wrong
-        return _describe_state(path, read_tensors(path, STATE_FORMAT)[1])
+        _, state = read_tensors(path, STATE_FORMAT)
+        about = {**state.get("progress", {}), "settings": state.get("settings")}
+        title = f"{path}: state of a training run of {state.get('experiment')}; "
+        title += "`designrl train ... --resume` goes on with it"
+        return "\n".join([title, *(f"{key:15}  {value}" for key, value in about.items())])
     agent = load(path)
     m = agent.metadata
     lines = [
@@ -212,18 +204,9 @@ def describe(path: str | Path) -> str:
         + (", output noise" if agent.network.noise else ""),
         f"parameters   {len(agent.parameters)}",
     ]
-    lines += [
-        f"{label:12} {m[key]}"
-        for label, key in (
-            ("source", "source"),
-            ("seed", "seed"),
-            ("generation", "generation"),
-            ("score", "score"),
-            ("episodes", "score_episodes"),
-            ("steps", "environment_steps"),
-        )
-        if isinstance(m.get(key), str | int | float)
-    ]
+    for key in ("source", "seed", "generation", "score", "score_episodes", "environment_steps"):
+        if isinstance(m.get(key), str | int | float):
+            lines.append(f"{key.split('_')[-1]:12} {m[key]}")
     if agent.experiment.training_kwargs.get("leg_area_reward"):
         lines.append("             (the score includes the factor for smaller legs)")
     for label in ("settings", "versions"):
@@ -233,8 +216,7 @@ def describe(path: str | Path) -> str:
     if agent.design is not None:
         space = agent.experiment.design
         lines.append(f"design       in % of the original, and in {space.unit}")
-        for name, scale, size in zip(
-            space.names, agent.design, space.dimensions(agent.design), strict=True
-        ):
+        rows = zip(space.names, agent.design, space.dimensions(agent.design), strict=True)
+        for name, scale, size in rows:
             lines.append(f"  {name:28} {100 * scale:6.1f} %  {size:8.3f}")
     return "\n".join(lines)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
+from designrl.files import read_limited
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
@@ -60,19 +61,15 @@ def _train(args) -> None:
         print(f"{out} has {done} generations; give --generations more than that to go on")
         return
     if args.dry_run:
-        from designrl import plan
+        from designrl.plan import dry_run
 
-        found = plan.plan(run)
-        print(plan.describe(run, found))
-        plan.check_disk(run, found)
+        dry_run(run)
         return
     if args.resume and not run.progress.generation:
         others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
-        print(
-            f"{out} holds no generations to go on with; this is a new run"
-            + (f" ({out.parent} has {others})" if others else ""),
-            file=sys.stderr,
-        )
+        others = f" ({out.parent} has {others})" if others else ""
+        said = f"{out} holds no generations to go on with; this is a new run{others}"
+        print(said, file=sys.stderr)
     for polite in (signal.SIGTERM, signal.SIGHUP):  # they save, too
         signal.signal(polite, signal.default_int_handler)
     try:
@@ -125,10 +122,14 @@ def _evaluate(args) -> None:
 def _import(args) -> None:
     from designrl.checkpoint import load_published, save
 
-    if Path(args.output).exists():
-        raise InputError(f"{args.output} exists already; remove it or choose another name")
+    _require_new(args.output)
     save(load_published(args.file, get_experiment(args.experiment)), args.output)
     print(f"{args.output} written")
+
+
+def _require_new(path: str) -> None:
+    if Path(path).exists():
+        raise InputError(f"{path} exists already; remove it or choose another name")
 
 
 def _record(args) -> None:
@@ -136,8 +137,7 @@ def _record(args) -> None:
     from designrl.evaluation import check_episodes, episode_seeds
     from designrl.recording import record_rollout
 
-    if Path(args.output).exists():
-        raise InputError(f"{args.output} exists already; remove it or choose another name")
+    _require_new(args.output)
     if Path(args.output).suffix != ".mcap":
         raise InputError(f"{args.output} would not be opened by Rerun; give it a name in .mcap")
     if not 0 <= args.episode < MAX_EPISODES:
@@ -157,25 +157,13 @@ def _replay(args) -> None:
 
 
 def _info(args) -> None:
-    if _starts_as_mcap(args.file):
+    from mcap.writer import MCAP0_MAGIC
+
+    if args.file.endswith(".mcap") or read_limited(args.file, 8).startswith(MCAP0_MAGIC):
         from designrl.recording import describe
     else:
         from designrl.checkpoint import describe
     print("\n".join(map(_printable, describe(args.file).split("\n"))))
-
-
-def _starts_as_mcap(path: str) -> bool:
-    if path.endswith(".mcap"):
-        return True
-    if not os.path.isfile(path):  # a pipe would be waited for
-        return False
-    from mcap.writer import MCAP0_MAGIC
-
-    try:
-        with open(path, "rb") as file:
-            return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
-    except OSError:
-        return False
 
 
 def _printable(text: str) -> str:
@@ -197,8 +185,9 @@ def parser() -> argparse.ArgumentParser:
         sub.set_defaults(function=function)
         return sub
 
-    def workers(sub) -> None:
-        sub.add_argument(
+    def workers(sub, group) -> None:
+        sub.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
+        group.add_argument(
             "--workers",
             type=int,
             default=available_cores(),
@@ -216,16 +205,22 @@ def parser() -> argparse.ArgumentParser:
         "the published runs have, plain the paper's equations as written",
     )
     for setting in dataclasses.fields(TrainSettings):
-        if setting.name != "experiment":
-            _add_setting(train, setting)
+        if setting.name == "experiment":
+            continue
+        hint = typing.get_type_hints(TrainSettings)[setting.name]
+        kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
+        how = {"type": kind, "metavar": "X"}
+        if kind is bool:
+            how = {"action": argparse.BooleanOptionalAction}
+        flag = "--" + setting.name.replace("_", "-")  # without it, the recipe decides
+        train.add_argument(flag, default=None, help=setting.metadata["help"], **how)
     where = train.add_mutually_exclusive_group()
-    workers(where)
+    workers(train, where)
     where.add_argument(
         "--ray",
         metavar="local|ADDRESS",
         help="simulate on a Ray cluster instead: on a new one here, or on that at the address",
     )
-    train.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
     train.add_argument("--out", help="the run's folder (default: runs/EXPERIMENT/seedSEED)")
     train.add_argument(
         "--resume", action="store_true", help="go on with the run that the folder holds, if any"
@@ -246,8 +241,7 @@ def parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--episodes", type=int, default=100, help="default: 100, as the paper")
     evaluate.add_argument("--json", action="store_true", help="print one JSON object")
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
-    evaluate.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
-    workers(evaluate)
+    workers(evaluate, evaluate)
 
     convert = command("import", _import, "convert a 2018 .json of published weights")
     convert.add_argument("file", metavar="FILE.json")
@@ -273,19 +267,6 @@ def parser() -> argparse.ArgumentParser:
     info = command("info", _info, "tell what a checkpoint or recording holds")
     info.add_argument("file", metavar="FILE")
     return top
-
-
-def _add_setting(parser: argparse.ArgumentParser, setting: dataclasses.Field) -> None:
-    """An option for a setting; without it, the recipe decides."""
-    hint = typing.get_type_hints(TrainSettings)[setting.name]
-    kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
-    how = (
-        {"action": argparse.BooleanOptionalAction}
-        if kind is bool
-        else {"type": kind, "metavar": "X"}
-    )
-    flag = "--" + setting.name.replace("_", "-")
-    parser.add_argument(flag, default=None, help=setting.metadata["help"], **how)
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -13,7 +13,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -28,7 +28,8 @@ from designrl.policy import Agent
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
 BACKENDS = ("engine", "reference")
-EPISODE_SECONDS = 30.0  # at most, on a busy machine; an episode takes 0.4 s on an idle one
+# At most, on a busy machine; an episode takes 0.4 s on an idle one.
+START_SECONDS, EPISODE_SECONDS = 120.0, 30.0
 PIECES_PER_WORKER = 8  # of a generation: enough to keep all workers busy to the end of it
 ENGINE_LANES = 16  # episodes that the engine runs side by side in one thread
 
@@ -62,21 +63,15 @@ class RolloutResult:
 
 @dataclass(frozen=True)
 class Episodes:
-    """What kind of episodes to run; travels to the workers.
-
-    Attributes:
-        experiment, network: whose.
-        env_kwargs: keywords of the environment.
-        shaping: changes of the rewards, if any.
-    """
+    """What kind of episodes to run; travels to the workers."""
 
     experiment: Experiment
     network: Network
-    env_kwargs: dict = field(default_factory=dict)
-    shaping: Shaping | None = None
+    env_kwargs: dict = field(default_factory=dict)  # of the environment
+    shaping: Shaping | None = None  # changes of the rewards, if any
 
 
-class Simulator:
+class Simulator(AbstractContextManager):
     """Runs episodes of one experiment.
 
     Args:
@@ -116,7 +111,10 @@ class Simulator:
         self.workers = workers
         self._env_kwargs = env_kwargs
         self._parameters = self.experiment.parameters_with(self.network)
-        _check_keywords(self.experiment, env_kwargs)
+        if env_kwargs:  # otherwise the environment's module need not be loaded for what it takes
+            creator = load_env_creator(gymnasium.spec(self.experiment.env_id).entry_point)
+            if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
+                raise InputError(f"{self.experiment.name} has no {unknown[0]}; leave it out")
         if backend == "engine":
             reason = engine.missing_reason()
             if envs.engine_task(self.experiment.env_id, **env_kwargs) is None:
@@ -163,10 +161,7 @@ class Simulator:
         kwargs = {**(self.experiment.training_kwargs if training else {}), **self._env_kwargs}
         shaping = self.experiment.shaping if shaped else None
         episodes = Episodes(self.experiment, self.network, kwargs, shaping)
-        if self.backend == "engine" and not self._pool:
-            result = self._in_threads(episodes, candidates, seeds, progress)
-        else:
-            result = self._in_pieces(episodes, candidates, seeds, progress)
+        result = self._run(episodes, candidates, seeds, progress)
         finite = np.isfinite(result.returns).all(axis=1)
         if not finite.all():
             index = int(np.argmin(finite))
@@ -190,41 +185,28 @@ class Simulator:
         if not usable.all():
             i, j = np.argwhere(~usable)[0]
             raise InputError(f"candidate {i}: parameter {j} is not a finite float32 number")
-        largest = np.iinfo(np.int64).max
-        if (
-            seeds.shape[1] < 1
-            or seeds.dtype.kind not in "iu"
-            or seeds.min(initial=0) < 0
-            or seeds.max(initial=0) > largest
-        ):
+        whole = seeds.shape[1] > 0 and seeds.dtype.kind in "iu"
+        if not whole or seeds.min(initial=0) < 0 or seeds.max(initial=0) > np.iinfo(np.int64).max:
             raise InputError(
                 "each candidate needs a seed at least, a whole number from 0 to 2**63 - 1"
             )
         return candidates, seeds.astype(np.int64)
 
-    def _in_threads(self, episodes, candidates, seeds, progress) -> RolloutResult:
-        run = partial(run_engine, episodes, threads=self.workers)
-        try:
-            return RolloutResult(*run(candidates, seeds, progress=progress))
-        except InputError:
-            for index in range(len(seeds)):  # which one was it?
-                try:
-                    run(candidates[index : index + 1], seeds[index : index + 1])
-                except InputError as error:
-                    raise CandidateError(index, seeds[index], str(error)) from None
-            raise
-
-    def _in_pieces(self, episodes, candidates, seeds, progress) -> RolloutResult:
-        function = partial(run_engine if self.backend == "engine" else run_reference, episodes)
-        least = ENGINE_LANES if self.backend == "engine" else 1
+    def _run(self, episodes, candidates, seeds, progress) -> RolloutResult:
+        n, r = seeds.shape
         run = self._pool.run if self._pool else run_here
         count = self._pool.count if self._pool else 1
-        returns, steps = np.empty(seeds.shape), np.empty(seeds.shape, dtype=np.int64)
-
-        places = _pieces(*seeds.shape, count, least)
+        if self.backend == "reference":
+            function, places = partial(run_reference, episodes), _pieces(n, r, count, 1)
+        elif self._pool:
+            function, places = partial(run_engine, episodes), _pieces(n, r, count, ENGINE_LANES)
+        else:  # the engine has threads of its own, and tells its progress
+            function = partial(run_engine, episodes, threads=self.workers, progress=progress)
+            places, progress = [(slice(0, n), slice(0, r))], None
+        returns, steps = np.empty((n, r)), np.empty((n, r), dtype=np.int64)
         while places:
             tasks = [(rows, seeds[rows, columns]) for rows, columns in places]
-            longest = EPISODE_SECONDS * max(piece.size for _, piece in tasks)
+            longest = START_SECONDS + EPISODE_SECONDS * max(piece.size for _, piece in tasks)
             done = set()
             try:
                 for index, result in run(function, candidates, tasks, longest):
@@ -235,8 +217,8 @@ class Simulator:
             except TaskError as error:
                 rows, columns = places[error.index]
                 if rows.stop - rows.start == 1:
-                    seeds = seeds[rows.start, columns]
-                    raise CandidateError(rows.start, seeds, error.reason) from error
+                    failed = seeds[rows.start, columns]
+                    raise CandidateError(rows.start, failed, error.reason) from error
                 done.add(error.index)  # one of several: each alone will tell which
                 alone = [(slice(i, i + 1), columns) for i in range(rows.start, rows.stop)]
                 places = alone + [place for i, place in enumerate(places) if i not in done]
@@ -249,20 +231,8 @@ class Simulator:
         if self._pool:
             self._pool.close()
 
-    def __enter__(self):
-        return self
-
     def __exit__(self, *exc_info):
         self.close()
-
-
-def _check_keywords(experiment: Experiment, kwargs: dict) -> None:
-    if not kwargs:
-        return  # and the environment's module need not be loaded to see what it takes
-    creator = load_env_creator(gymnasium.spec(experiment.env_id).entry_point)
-    unknown = sorted(set(kwargs) - set(inspect.signature(creator).parameters))
-    if unknown:
-        raise InputError(f"{experiment.name} has no {unknown[0]}; leave it out")
 
 
 def _pieces(n: int, r: int, workers: int, least: int) -> list[tuple[slice, slice]]:

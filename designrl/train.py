@@ -25,7 +25,6 @@ import torch
 from tqdm import tqdm
 
 from designrl import checkpoint
-from designrl.checkpoint import STATE_FORMAT
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
@@ -45,20 +44,16 @@ _EVALUATION_KEY = (2**31,)
 
 
 class Optimiser(Protocol):
-    """What the training loop asks of an optimiser; `Reinforce` is one.
-
-    `state()` holds all that `restore` needs, as arrays; "mu" and "sigma" (P,) among them are what
-    is recorded of the distribution. The same state gives the same candidates.
-    """
+    """What the training loop asks of an optimiser; `Reinforce` is one."""
 
     def ask(self):
-        """(N, P) candidates; asking again before tell() gives the same ones."""
+        """(N, P) candidates; the same state gives the same ones."""
 
     def tell(self, returns: np.ndarray) -> None:
         """Update with the candidates' (N,) returns."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that `restore` needs."""
+        """All that `restore` needs; "mu" and "sigma" (P,) are recorded as the distribution's."""
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Go on from a `state()`; InputError where it does not fit."""
@@ -158,14 +153,13 @@ class TrainingRun:
         torch.set_num_threads(1)
         with self._locked_folder():
             self._open()  # another run may have used the folder until now
-            self._remove_leftovers()
-            self._run()
-
-    def _run(self) -> None:
-        with self.simulator() as simulator:  # refuses what it must before anything is written
-            self._save_state()  # before the recording, so that whatever a kill leaves can go on
-            self._resume = True
-            self._train(simulator)
+            for folder in (self.out, self.out / "rollouts"):
+                for path in (*folder.glob(".new-*"), *folder.glob(".*.new")):
+                    path.unlink(missing_ok=True)  # half-written when the run was killed
+            with self.simulator() as simulator:  # refuses what it must before anything is written
+                self._save_state()  # before the recording, so that whatever a kill leaves can go on
+                self._resume = True
+                self._train(simulator)
 
     def _train(self, simulator: Simulator) -> None:
         generation = self.progress.generation
@@ -190,17 +184,14 @@ class TrainingRun:
                     self._generation(simulator, recorder, bar)
                     self._take_snapshot()
                     if time.perf_counter() - saved_at > SAVE_SECONDS or self.finished:
-                        recorder.flush()
-                        self._save_state()
+                        self._save_state(recorder)
                         saved_at = time.perf_counter()
             except KeyboardInterrupt:
-                recorder.flush()
-                self._save_state()
+                self._save_state(recorder)
                 raise
             except InputError:
                 with suppress(InputError):  # if it cannot be written, the last save must do
-                    recorder.flush()
-                    self._save_state()
+                    self._save_state(recorder)
                 raise
 
     def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> None:
@@ -218,14 +209,12 @@ class TrainingRun:
             bar.set_postfix_str(f"{self._status} {done}/{seeds.size} episodes", refresh=False)
             bar.update(0)
 
-        shaped = settings.shaped_rewards
-        result = self._rollout(simulator, candidates, seeds, shaped=shaped, progress=show)
+        result = self._rollout(simulator, candidates, seeds, settings.shaped_rewards, show)
         returns = result.returns.mean(axis=1)
         optimiser.tell(returns)
         progress.generation += 1
         steps = int(result.steps.sum())
-        self._account(simulator, start, steps)
-        seconds = time.perf_counter() - start[0]
+        seconds = self._account(simulator, start, steps)
         recorder.generation(
             index=index,
             mu=before["mu"],
@@ -266,19 +255,13 @@ class TrainingRun:
         score = float(result.returns.mean())
         kept = progress.best_score is None or score > progress.best_score
         self._account(simulator, start, int(result.steps.sum()))
-        agent = Agent(
-            self.experiment,
+        agent = self._agent(
             parameters,
-            metadata={
-                "seed": settings.seed,
-                "settings": settings.as_dict(),
-                "generation": generation,
-                "score": score,
-                "score_std": float(result.returns.std()),
-                "score_episodes": episodes,
-                "environment_steps": progress.total_steps,
-                "versions": versions(),
-            },
+            settings=settings.as_dict(),
+            score=score,
+            score_std=float(result.returns.std()),
+            score_episodes=episodes,
+            environment_steps=progress.total_steps,
         )
         recorder.evaluation(
             index=generation - 1,
@@ -292,6 +275,10 @@ class TrainingRun:
             progress.best_score, progress.best_generation = score, generation
             checkpoint.save(agent, self.out / "best.safetensors")
 
+    def _agent(self, parameters: np.ndarray, **about) -> Agent:
+        about |= {"seed": self.settings.seed, "generation": self.progress.generation}
+        return Agent(self.experiment, parameters, metadata={**about, "versions": versions()})
+
     def _rollout(self, simulator: Simulator, candidates, seeds, shaped=False, progress=None):
         try:
             return simulator.rollout(candidates, seeds, True, shaped, progress)
@@ -299,14 +286,8 @@ class TrainingRun:
             generation = self.progress.generation
             name = f"failed-generation{generation:05d}-candidate{error.index}.safetensors"
             path = self.out / name
-            about = {
-                "seed": self.settings.seed,
-                "generation": generation,
-                "failure": error.reason,
-                "episode_seeds": error.seeds.tolist(),
-                "versions": versions(),
-            }
-            checkpoint.save(Agent(self.experiment, candidates[error.index], metadata=about), path)
+            about = {"failure": error.reason, "episode_seeds": error.seeds.tolist()}
+            checkpoint.save(self._agent(candidates[error.index], **about), path)
             raise InputError(
                 f"candidate {error.index} of generation {generation} cannot be simulated "
                 f"({error.reason}); its parameters are in {path}, look there and add --resume"
@@ -314,22 +295,21 @@ class TrainingRun:
 
     def _episode_seeds(self, generation: int) -> np.ndarray:
         """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
-        n, r = self.settings.population, self.settings.rollouts
-        mirrored = self.settings.mirrored
-        rows = n // 2 if mirrored else n
-        sequence = np.random.SeedSequence(
-            self.settings.seed, spawn_key=(generation, _EPISODE_STREAM)
+        settings, key = self.settings, (generation, _EPISODE_STREAM)
+        times = 2 if settings.mirrored else 1
+        shape = settings.population // times, settings.rollouts
+        state = np.random.SeedSequence(settings.seed, spawn_key=key).generate_state(
+            math.prod(shape)
         )
-        seeds = sequence.generate_state(rows * r).astype(np.int64).reshape(rows, r)
-        return np.concatenate([seeds, seeds]) if mirrored else seeds
+        return np.tile(state.astype(np.int64).reshape(shape), (times, 1))
 
-    def _account(self, simulator: Simulator, start: tuple[float, float], steps: int) -> None:
+    def _account(self, simulator: Simulator, start: tuple[float, float], steps: int) -> float:
         seconds = time.perf_counter() - start[0]
-        # The processor time of a pool's processes is not known before they end.
-        cpu_seconds = seconds * simulator.processes or time.process_time() - start[1]
         self.progress.total_steps += steps
         self.progress.seconds += seconds
-        self.progress.cpu_seconds += cpu_seconds
+        # The processor time of a pool's processes is not known before they end.
+        self.progress.cpu_seconds += seconds * simulator.processes or time.process_time() - start[1]
+        return seconds
 
     def _metadata(self) -> dict[str, str]:
         """What a recording says of its run."""
@@ -354,15 +334,23 @@ class TrainingRun:
         }
         self._snapshot = self.optimiser.state(), metadata
 
-    def _save_state(self) -> None:
+    def _save_state(self, recorder: RunWriter | None = None) -> None:
+        if recorder:
+            recorder.flush()
         tensors, metadata = self._snapshot
-        checkpoint.write_tensors(self._state_path, tensors, metadata, STATE_FORMAT)
+        checkpoint.write_tensors(self._state_path, tensors, metadata, checkpoint.STATE_FORMAT)
 
     def _load_state(self) -> None:
-        tensors, metadata = checkpoint.read_tensors(self._state_path, STATE_FORMAT)
+        tensors, metadata = checkpoint.read_tensors(self._state_path, checkpoint.STATE_FORMAT)
         damaged = InputError(f"{self._state_path} is damaged; start again in another folder")
         try:
-            self._require_same_settings(metadata["settings"])
+            for name, ours in self.settings.as_dict().items():
+                theirs = metadata["settings"].get(name)
+                if theirs != ours and not (name == "generations" and theirs < ours):
+                    raise InputError(
+                        f"{self.out} holds a run with {name} = {theirs!r}, not {ours!r}; resume "
+                        "with the same settings, or choose another folder with --out"
+                    )
             progress = _Progress(**metadata["progress"])
             numbers = [value for value in vars(progress).values() if value is not None]
             if progress.generation < 0 or not all(map(math.isfinite, numbers)):
@@ -379,23 +367,6 @@ class TrainingRun:
                 f"{progress.best_generation}; put it back, or start again in another folder"
             )
         self.progress = progress
-
-    def _require_same_settings(self, found: dict) -> None:
-        for name, ours in self.settings.as_dict().items():
-            theirs = found.get(name)
-            if theirs == ours or name == "generations" and theirs < ours:
-                continue
-            raise InputError(
-                f"{self.out} holds a run with {name} = {theirs!r}, not {ours!r}; resume with the "
-                "same settings, or choose another folder with --out"
-            )
-
-    def _remove_leftovers(self) -> None:
-        """Remove the half-written files of a run that was killed."""
-        for folder in (self.out, self.out / "rollouts"):
-            for pattern in (".new-*", ".*.new"):
-                for path in folder.glob(pattern):
-                    path.unlink(missing_ok=True)
 
     @contextmanager
     def _locked_folder(self):

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -26,6 +27,8 @@ SETTINGS = TrainSettings.of(
     evaluate_every=3,
     evaluation_episodes=4,
 )
+CANDIDATES = np.arange(4.0)[:, None]
+TASKS = [(slice(i, i + 1),) for i in range(4)]
 
 
 @pytest.fixture
@@ -41,7 +44,7 @@ def cluster():
     found.shutdown()
 
 
-def test_a_node_is_lost_and_the_bytes_are_the_same(cluster, tmp_path, capsys, monkeypatch):
+def test_a_node_is_lost_and_the_bytes_are_the_same(cluster, tmp_path, monkeypatch):
     TrainingRun(SETTINGS, tmp_path / "here", backend="reference").run()
     lost, rollout = [], Simulator.rollout
 
@@ -56,13 +59,10 @@ def test_a_node_is_lost_and_the_bytes_are_the_same(cluster, tmp_path, capsys, mo
     monkeypatch.setattr(Simulator, "rollout", lose_a_node)
     run = TrainingRun(SETTINGS, tmp_path / "ray", backend="reference", ray=cluster.address)
     run.run()
-    for name in ("here", "ray"):
-        recording = read(tmp_path / name / "generations.mcap")
-        assert recording.generations.tolist() == list(range(6))
-    same = [file_hash(tmp_path / name / "best.safetensors") for name in ("here", "ray")]
-    assert same[0] == same[1]
+    here, there = (file_hash(tmp_path / name / "best.safetensors") for name in ("here", "ray"))
+    assert here == there
+    assert read(tmp_path / "ray/generations.mcap").generations.tolist() == list(range(6))
     assert len(lost) == 2
-    assert "a Ray worker was lost" in capsys.readouterr().err
 
 
 def test_the_engine_gives_the_same_bits_on_ray(cluster):
@@ -78,36 +78,55 @@ def test_the_engine_gives_the_same_bits_on_ray(cluster):
 
 def test_waiting_for_a_core_is_mentioned_once(cluster, capsys, monkeypatch):
     monkeypatch.setattr(designrl.workers, "PATIENCE_SECONDS", 1.0)
-    candidates = np.arange(2.0)[:, None]
-    tasks = [(slice(i, i + 1),) for i in range(2)]
-    with RayWorkers(cluster.address) as workers:
 
-        @ray.remote(num_cpus=1)
-        class Hog:
-            def ready(self):
-                return True
+    @ray.remote(num_cpus=1)
+    class Hog:
+        def ready(self):
+            return True
 
+    with closing(RayWorkers(cluster.address)) as workers:
         hogs = [Hog.remote() for _ in range(2)]  # one for each node
         ray.get([hog.ready.remote() for hog in hogs])
         threading.Timer(8.0, ray.kill, hogs[:1]).start()
-        results = dict(workers.run(lambda rows: rows[0, 0], candidates, tasks))
-    assert results == {0: 0.0, 1: 1.0}
+        results = dict(workers.run(lambda rows: rows[0, 0], CANDIDATES, TASKS, 60))
+    assert results == dict(enumerate(range(4)))
     assert capsys.readouterr().err.count("no free core") == 1
 
 
-def test_a_task_that_kills_every_actor_is_named(cluster, capsys):
-    def die(candidates):  # within this function, or Ray would look for this module elsewhere
+@pytest.mark.parametrize("what", ["dies", "hangs", "raises"])
+def test_a_task_that_fails_each_time_is_named(what, cluster, tmp_path):
+    def fail(candidates):  # within this function, or Ray would look for this module elsewhere
         import os
+        import time
 
         if candidates[0, 0] == 2:
-            os._exit(1)
+            with open(tmp_path / "tries", "a") as file:
+                file.write(".")
+            if what == "dies":
+                os._exit(1)
+            if what == "hangs":
+                time.sleep(1000)
+            raise RuntimeError("something\nhappened")
         return candidates[0, 0]
 
-    candidates = np.arange(4.0)[:, None]
-    with RayWorkers(cluster.address) as workers, pytest.raises(TaskError) as caught:
-        list(workers.run(die, candidates, [(slice(i, i + 1),) for i in range(4)]))
+    with closing(RayWorkers(cluster.address)) as workers:
+        with pytest.raises(TaskError, match="something|died") as caught:
+            list(workers.run(fail, CANDIDATES, TASKS, 3))
+        assert dict(workers.run(np.sum, CANDIDATES, TASKS, 60)) == dict(enumerate(range(4)))
     assert caught.value.index == 2
-    assert capsys.readouterr().err.count("is replaced") == 2
+    assert (tmp_path / "tries").read_text() == "..."
+
+
+def test_wrong_input_and_another_version_end_the_run(cluster, monkeypatch):
+    def refuse(candidates):
+        raise InputError("not this")
+
+    with closing(RayWorkers(cluster.address)) as workers:
+        with pytest.raises(InputError, match="^not this$"):
+            list(workers.run(refuse, CANDIDATES, TASKS, 60))
+        monkeypatch.setattr(designrl.workers, "sources_hash", lambda: "other")
+        with pytest.raises(InputError, match="another version of designrl .* here other"):
+            list(workers.run(np.sum, CANDIDATES, TASKS, 60))
 
 
 def test_an_address_without_a_cluster_is_refused():

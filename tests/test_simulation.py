@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -15,12 +16,7 @@ from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.policy import Agent
-from designrl.simulation import (
-    PIECES_PER_WORKER,
-    CandidateError,
-    Simulator,
-    _pieces,
-)
+from designrl.simulation import PIECES_PER_WORKER, CandidateError, Simulator, _pieces
 from designrl.workers import ProcessWorkers, TaskError
 
 
@@ -35,50 +31,40 @@ def test_rollout_is_the_episode_that_a_user_would_run():
     seeds = np.array([[3, 4], [5, 6]])
     with Simulator(name, backend="reference") as simulator:
         result = simulator.rollout(parameters, seeds)
-    for i in range(2):
+    for i, j in np.ndindex(2, 2):
         agent = Agent(get_experiment(name), parameters[i])
-        for j in range(2):
-            env = gymnasium.make(agent.experiment.env_id, design=agent.design)  # not our own loop
-            observation, _ = env.reset(seed=int(seeds[i, j]))
-            total, steps, ended = 0.0, 0, False
-            while not ended:
-                observation, reward, terminated, truncated, _ = env.step(
-                    agent.act(observation, steps)
-                )
-                total, steps, ended = total + reward, steps + 1, terminated or truncated
-            assert (result.returns[i, j], result.steps[i, j]) == (total, steps)
+        env = gymnasium.make(agent.experiment.env_id, design=agent.design)  # not our own loop
+        observation, _ = env.reset(seed=int(seeds[i, j]))
+        total, steps, ended = 0.0, 0, False
+        while not ended:
+            action = agent.act(observation, steps)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            total, steps, ended = total + reward, steps + 1, terminated or truncated
+        assert (result.returns[i, j], result.steps[i, j]) == (total, steps)
 
 
 def test_results_do_not_depend_on_the_number_of_workers():
     parameters = candidates("biped-morphology", 3)
     seeds = np.arange(12).reshape(3, 4)
-    results = []
-    for workers in (1, 2, 3):
+    one = Simulator("biped-morphology", "reference").rollout(parameters, seeds)
+    for workers in (2, 3):
         with Simulator("biped-morphology", "reference", workers=workers) as simulator:
-            results.append(simulator.rollout(parameters, seeds))
-    for other in results[1:]:
-        np.testing.assert_array_equal(other.returns, results[0].returns)
-        np.testing.assert_array_equal(other.steps, results[0].steps)
+            more = simulator.rollout(parameters, seeds)
+        np.testing.assert_array_equal(more.returns, one.returns)
+        np.testing.assert_array_equal(more.steps, one.steps)
 
 
-def test_shaped_rewards_forgive_the_fall():
-    parameters, seeds = candidates("biped", 4), np.arange(4)[:, None]
+def test_shaped_rewards_forgive_the_fall_and_add_a_hundred_to_a_solved_episode(zoo_agent):
+    parameters = np.array([*candidates("biped", 4), zoo_agent("biped").parameters])
+    seeds = np.arange(5)[:, None]
     with Simulator("biped", "reference") as simulator:
         plain = simulator.rollout(parameters, seeds)
         shaped = simulator.rollout(parameters, seeds, shaped=True)
-    fell = plain.steps < 1600
-    assert fell.any()
-    np.testing.assert_allclose((shaped.returns - plain.returns)[fell], 100.0)
+    changed = plain.steps < 1600
+    assert changed[:4].any() and plain.returns[4] > 300
+    changed[4] = True
+    np.testing.assert_allclose(shaped.returns - plain.returns, np.where(changed, 100.0, 0.0))
     np.testing.assert_array_equal(plain.steps, shaped.steps)
-
-
-def test_shaped_rewards_add_a_hundred_to_a_solved_episode(zoo_agent):
-    agent = zoo_agent("biped-morphology")
-    with Simulator("biped-morphology", "reference") as simulator:
-        plain = simulator.rollout(agent.parameters[None], np.array([[0]]))
-        shaped = simulator.rollout(agent.parameters[None], [[0]], shaped=True)
-    assert plain.returns[0, 0] > 300
-    assert shaped.returns[0, 0] == pytest.approx(plain.returns[0, 0] + 100)
 
 
 def test_smaller_legs_multiply_the_rewards_of_training_only():
@@ -114,45 +100,37 @@ def square_but(what, marker, candidates):
     return candidates[0, 0] ** 2
 
 
-@pytest.mark.parametrize("what", ["dies", "hangs", "raises"])
-def test_a_worker_that_fails_is_replaced_and_its_work_done_again(
-    what, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.setattr("designrl.workers.START_SECONDS", 8.0)
-    function = partial(square_but, what, str(tmp_path / "once"))
-    with ProcessWorkers(2) as workers:
-        result = dict(workers.run(function, CANDIDATES, TASKS, seconds=0))
-    assert result == {i: i * i for i in range(6)}
-    errors = capsys.readouterr().err
-    assert errors.count("\n") == 1
-    reason = {"dies": "ended with exit code 1", "hangs": "no answer for 8 s", "raises": "raised"}
-    assert reason[what] in errors and "its work done again" in errors
+@pytest.fixture
+def pool():
+    with closing(ProcessWorkers(2)) as workers:
+        yield workers
     assert not multiprocessing.active_children()
 
 
-def test_a_task_that_kills_every_worker_is_named(tmp_path, capsys):
-    function = partial(square_but, "dies", str(tmp_path / "always"))
-    with ProcessWorkers(1) as workers, pytest.raises(TaskError, match="exit code 1") as caught:
-        dict(workers.run(function, CANDIDATES, TASKS))
+@pytest.mark.parametrize("what", ["dies", "hangs", "raises"])
+def test_a_task_is_done_again_and_named_where_it_fails_each_time(what, pool, tmp_path, capsys):
+    run = partial(pool.run, candidates=CANDIDATES, tasks=TASKS, seconds=1)
+    once, always = (partial(square_but, what, str(tmp_path / n)) for n in ("once", "always"))
+    assert dict(run(once)) == {i: i * i for i in range(6)}
+    assert capsys.readouterr().err.count("it is done again\n") == 1
+    with pytest.raises(TaskError, match="something" if what == "raises" else "died") as caught:
+        dict(run(always))
     assert caught.value.index == 3
     assert capsys.readouterr().err.count("\n") == 2
 
 
-def test_workers_that_were_killed_while_idle_are_replaced(capsys):
-    with ProcessWorkers(2) as workers:
-        for _ in range(2):
-            assert dict(workers.run(np.sum, CANDIDATES, TASKS)) == dict(enumerate(range(6)))
-            for process in multiprocessing.active_children():
-                process.kill()
-    assert capsys.readouterr().err.count("died of signal 9") == 2
+def test_workers_that_were_killed_while_idle_are_replaced(pool):
+    for _ in range(2):
+        assert dict(pool.run(np.sum, CANDIDATES, TASKS, 60)) == dict(enumerate(range(6)))
+        for process in multiprocessing.active_children():
+            process.kill()
 
 
 def test_a_script_without_a_guard_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import numpy as np\nfrom designrl.workers import ProcessWorkers\n"
-        "with ProcessWorkers(2) as workers:\n"
-        "    print(dict(workers.run(np.sum, np.ones((2, 1)), [(slice(2),)] * 4)))"
+        "print(dict(ProcessWorkers(2).run(np.sum, np.ones((2, 1)), [(slice(2),)] * 4, 60)))"
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True)
     assert done.returncode == 1 and done.stderr.count("Traceback") == 1
@@ -163,7 +141,7 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
 def test_workers_end_when_their_parent_is_killed(tmp_path):
     code = (
         "import sys; sys.path.insert(0, 'tests'); from test_simulation import *\n"
-        "workers = ProcessWorkers(2); run = workers.run(np.sum, CANDIDATES, TASKS); next(run)\n"
+        "workers = ProcessWorkers(2); run = workers.run(np.sum, CANDIDATES, TASKS, 60); next(run)\n"
         "print(*[p.pid for p in multiprocessing.active_children()], flush=True); time.sleep(1000)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
@@ -184,23 +162,16 @@ def alive(pid):
         return False
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_candidate_that_cannot_be_simulated_is_named(workers, monkeypatch):
-    parameters = candidates("biped", 3)
-    parameters[1, 5] = np.nan
-    with (
-        Simulator("biped", "reference", workers=workers) as simulator,
-        pytest.raises(InputError, match="parameter 5 is not a finite"),
-    ):
-        simulator.rollout(parameters, np.zeros((3, 1), dtype=int))
+def test_a_candidate_that_cannot_be_simulated_is_named(monkeypatch):
     pieces = [(slice(0, 2), slice(0, 1)), (slice(2, 3), slice(0, 1))]
     monkeypatch.setattr("designrl.simulation._pieces", lambda *_: pieces)
     monkeypatch.setattr("designrl.simulation.run_episode", fail_for_seed_eight)
     with (
         Simulator("biped", "reference") as simulator,
-        pytest.raises(CandidateError, match="candidate 1 cannot be simulated: Runtime"),
+        pytest.raises(CandidateError, match="candidate 1 cannot be simulated: Runtime") as caught,
     ):
         simulator.rollout(candidates("biped", 3), np.array([[7], [8], [9]]))
+    assert (caught.value.index, caught.value.seeds) == (1, [8])
 
 
 def fail_for_seed_eight(env, agent, seed, shaping):
@@ -224,27 +195,28 @@ def test_pieces_cover_every_episode_once(n, r, workers, least):
 
 
 def test_wrong_input_is_refused():
-    with pytest.raises(InputError, match="backend"):
-        Simulator("biped", backend="gpu")
-    with Simulator("biped", "reference") as simulator:
-        with pytest.raises(InputError, match=r"\(N, 2804\)"):
-            simulator.rollout(np.zeros((2, 2812)), np.zeros((2, 1)))
-        with pytest.raises(InputError, match="one row per candidate"):
-            simulator.rollout(np.zeros((2, 2804)), np.zeros((3, 1)))
-        for seeds in ([[0.5]], [["a"]], [[-1]], np.zeros((1, 0), dtype=int)):
-            with pytest.raises(InputError, match="a whole number from 0"):
-                simulator.rollout(np.zeros((1, 2804)), seeds)
-        with pytest.raises(InputError, match="candidate 1: parameter 0 is not a finite"):
-            simulator.rollout([[0.0] * 2804, [np.nan] * 2804], [[0], [0]])
-    with pytest.raises(InputError, match="lidar is 'v9'"):
-        Simulator("biped", lidar="v9")
-    with pytest.raises(InputError, match="ant has no lidar; leave it out"):
-        Simulator("ant", lidar="v3")
-    with pytest.raises(InputError, match="does not have the network"):
-        Simulator("biped", network=PUBLISHED_ANT_NETWORK)
-    agent = Agent(get_experiment("biped"), np.zeros(2804))
+    for words, arguments in (
+        ("backend", {"backend": "gpu"}),
+        ("lidar is 'v9'", {"lidar": "v9"}),
+        ("biped has no speed; leave it out", {"speed": 3}),
+        ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),
+    ):
+        with pytest.raises(InputError, match=words):
+            Simulator("biped", **arguments)
+    nans = [[0.0] * 2804, [np.nan] * 2804]
+    for words, parameters, seeds in (
+        (r"\(N, 2804\)", np.zeros((2, 2812)), np.zeros((2, 1))),
+        ("one row per candidate", np.zeros((2, 2804)), np.zeros((3, 1))),
+        ("candidate 1: parameter 0 is not a finite", nans, [[0], [0]]),
+        *(
+            ("a whole number from 0", np.zeros((1, 2804)), seeds)
+            for seeds in ([[0.5]], [["a"]], [[-1]], [[2**63]], np.zeros((1, 0), dtype=int))
+        ),
+    ):
+        with pytest.raises(InputError, match=words):
+            Simulator("biped", "reference").rollout(parameters, seeds)
     with pytest.raises(InputError, match="needs 1 to"):
-        evaluate(agent, episodes=0)
+        evaluate(Agent(get_experiment("biped"), np.zeros(2804)), episodes=0)
 
 
 # The paper's mean ± std over 100 rollouts of the runs whose weights are published (section 4).

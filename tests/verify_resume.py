@@ -30,6 +30,14 @@ VICTIMS = {
     "reference": ("SIGKILL", "SIGTERM", "SIGINT", "all", "worker", "worker", "worker"),
     "engine": ("SIGKILL", "SIGTERM", "SIGINT", "all"),  # its workers are threads
 }
+EXIT_CODES = {  # that a trainer may end with after each; 0 where it was done before
+    None: (0,),
+    "worker": (0,),
+    "SIGKILL": (0, -9),
+    "all": (0, -9),
+    "SIGTERM": (0, 130, -15),
+    "SIGINT": (0, 130, -2, 1),
+}
 MOST_SECONDS = 120.0  # for one run to end, on a busy machine
 
 
@@ -71,7 +79,7 @@ def finish(process: subprocess.Popen) -> tuple[int, str]:
 
 def kill_something(
     process: subprocess.Popen, victim: str, rng: random.Random
-) -> tuple[str, set[int]]:
+) -> tuple[str, list[psutil.Process]]:
     """Send a signal; returns which, and the processes that must end if the trainer does."""
     family = psutil.Process(process.pid).children(recursive=True)
     if victim == "worker" and not family:
@@ -83,7 +91,7 @@ def kill_something(
             member.send_signal(signal.SIGKILL)
     else:
         process.send_signal(getattr(signal, victim))
-    return victim, {member.pid for member in family}
+    return victim, family
 
 
 def wait_for_workers(process: subprocess.Popen) -> None:
@@ -93,15 +101,6 @@ def wait_for_workers(process: subprocess.Popen) -> None:
         if len(psutil.Process(process.pid).children(recursive=True)) >= 4:
             return
         time.sleep(0.02)
-
-
-def check_processes(pids: set[int]) -> None:
-    """All of them end, soon."""
-    deadline = time.monotonic() + 30
-    while left := [p for p in pids if psutil.pid_exists(p)]:
-        if time.monotonic() > deadline:
-            raise DifferenceError(f"processes {left} outlived their trainer")
-        time.sleep(0.05)
 
 
 def held(out: Path) -> tuple[list[int], list[int]]:
@@ -138,30 +137,22 @@ def run_with_kills(
     """One run from start to end with at most so many kills; returns how many of each kind."""
     done = Counter()
     while True:
-        process = start(out, backend)
-        if done.total() == kills:
-            code, errors = finish(process)
-            if code:
-                raise DifferenceError(f"the last resume ends with code {code}: {errors}")
-        else:
-            victim = rng.choice(VICTIMS[backend])
+        process, victim, family = start(out, backend), None, []
+        if done.total() < kills:
+            wanted = rng.choice(VICTIMS[backend])
             if rng.random() < 0.9:  # else kill it while it starts
                 process.stdout.readline()
-            if victim == "worker":
+            if wanted == "worker":
                 wait_for_workers(process)
             time.sleep(rng.uniform(0.0, 2.0))
             if process.poll() is None:
-                victim, pids = kill_something(process, victim, rng)
+                victim, family = kill_something(process, wanted, rng)
                 done[victim] += 1
-                code, errors = finish(process)
-                allowed = {"worker": (0,), "SIGINT": (0, 130, -2, 1), "SIGTERM": (0, 130, -15)}
-                if code not in allowed.get(victim, (0, -9)):
-                    raise DifferenceError(f"after {victim}: exit code {code}: {errors}")
-                check_processes(pids)
-            else:
-                code, errors = finish(process)
-                if code:
-                    raise DifferenceError(f"it ends by itself with code {code}: {errors}")
+        code, errors = finish(process)
+        if code not in EXIT_CODES[victim]:
+            raise DifferenceError(f"after killing {victim}: exit code {code}: {errors}")
+        if left := psutil.wait_procs(family, timeout=30)[1]:
+            raise DifferenceError(f"after killing {victim}, {left} outlived their trainer")
         generations, _ = held(out)
         if generations != list(range(len(generations))):
             raise DifferenceError(f"after {dict(done)}, the recording holds {generations}")
@@ -178,9 +169,8 @@ def verify(folder: Path, kills: int, seed: int, backends=tuple(VICTIMS)) -> Coun
     """
     rng, done, runs = random.Random(seed), Counter(), 0
     for backend in backends:
-        code, errors = finish(start(folder / f"undisturbed-{backend}", backend))
-        if code:
-            raise DifferenceError(f"the undisturbed run ends with code {code}: {errors}")
+        out = folder / f"undisturbed-{backend}"
+        run_with_kills(out, out, backend, 0, rng)
     while done.total() < kills:
         backend = backends[runs % len(backends)]
         out, most = folder / f"run{runs}", min(8, kills - done.total())
