@@ -24,7 +24,7 @@ from gymnasium.envs.registration import load_env_creator
 from designrl import engine, envs
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network, Shaping, get_experiment
-from designrl.policy import Agent
+from designrl.policy import Agent, noise_stds
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
 BACKENDS = ("engine", "reference")
@@ -322,7 +322,8 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
         return run_reference(episodes, candidates, seeds)
     experiment, network = episodes.experiment, episodes.network
     task, reward_factors = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
-    weights, rest = np.split(candidates, [network.num_parameters], axis=1)
+    own, rest = np.split(candidates, [network.num_parameters], axis=1)
+    weights, log_stds = np.split(own, [network.num_weights], axis=1)
     scales = np.ones((len(seeds), experiment.body.design.size))
     if experiment.design:
         scales = experiment.design.scales(rest)
@@ -334,6 +335,8 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
         reward_factors(scales),
         seeds,
         output_tanh=network.output == "tanh",
+        time_scale=network.time_scale,
+        noise_stds=noise_stds(log_stds) if network.noise else None,
         shaped=episodes.shaping is not None,
         **options,
     )

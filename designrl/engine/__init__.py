@@ -32,9 +32,9 @@ class Task:
     """A task of the compiled engine.
 
     Attributes:
-        name: of the task ("walker").
+        name: of the task ("walker", "ant").
         flags: what is chosen of it; the walker's are "hardcore" (the terrain with obstacles) and
-            "closest_hits" (LIDAR v3).
+            "closest_hits" (LIDAR v3), the ant has none.
         max_steps: time limit.
     """
 
@@ -49,6 +49,8 @@ class _Batch(ctypes.Structure):
     _fields_ = [
         ("sizes", ctypes.c_void_p),
         ("weights", ctypes.c_void_p),
+        ("noise_stds", ctypes.c_void_p),
+        ("time_scale", ctypes.c_double),
         ("designs", ctypes.c_void_p),
         ("reward_factors", ctypes.c_void_p),
         ("seeds", ctypes.c_void_p),
@@ -162,6 +164,8 @@ def rollout(
     seeds: np.ndarray,
     *,
     output_tanh: bool = True,
+    time_scale: float | None = None,
+    noise_stds: np.ndarray | None = None,
     shaped: bool = False,
     threads: int | None = None,
     isa: str | None = None,
@@ -172,18 +176,21 @@ def rollout(
 
     Args:
         task: with O observations, A actions and D dimensions of its body.
-        sizes: of the tanh network: O, the hidden layers', A.
+        sizes: of the tanh network: O (with a time scale O + 1), the hidden layers', A.
         weights: (N, P) of the networks, layer by layer the matrix (inputs, outputs) in row-major
             order and the bias, as in `designrl.policy`.
         designs: (N, D) scales.
         reward_factors: (N,) multiplies every reward but that of a fall.
         seeds: (N, R), 0 <= seed < 2**63.
         output_tanh: whether the last layer has tanh, too.
+        time_scale: steps; the network's last input is t / time_scale. None: it sees no time.
+        noise_stds: (N, A) of Gaussian noise on the last layer before its activation, a function of
+            the episode's seed (`designrl.policy.Agent.reset`). None: no noise.
         shaped: the published training code's rewards: a fall costs nothing, and a solved episode
-            (the walkers': no fall, more than 300 points) gets 100 more.
+            (the walkers': no fall, more than 300 points) gets 100 more. The ant has no such rewards.
         threads: operating system threads; None: one per processor.
         isa: see `instruction_set`.
-        observations: return them too; 154 to 192 kB per episode of the walker.
+        observations: return them too; 154 to 192 kB per episode of the walker, 112 of the ant.
         progress: called with the number of episodes that have ended since its last call.
 
     Returns:
@@ -193,16 +200,20 @@ def rollout(
     Raises:
         InputError: the engine cannot run here; an unknown task, flag or instruction set; arrays
             that do not fit the task or each other, or that are not finite; an episode beyond the
-            engine's capacities (it is never simulated differently instead).
+            engine's capacities (it is never simulated differently instead), or an action that is
+            no finite number.
         KeyboardInterrupt: within a step or two of Ctrl-C.
     """
     entry, flags = _find(task)
     sizes = _checked_sizes(sizes)
-    if (sizes[0], sizes[-1]) != (entry.observations, entry.actions):
+    inputs = entry.observations + (time_scale is not None)
+    if (sizes[0], sizes[-1]) != (inputs, entry.actions):
         raise InputError(
-            f"the engine's {task.name} has {entry.observations} observations and {entry.actions} "
-            f"actions, a network {'-'.join(map(str, sizes))} does not fit"
+            f"the engine's {task.name} has {inputs} inputs and {entry.actions} actions, a network "
+            f"{'-'.join(map(str, sizes))} does not fit"
         )
+    if time_scale is not None and not 0 < time_scale < float("inf"):
+        raise InputError(f"time_scale is {time_scale}; it must be a finite number above 0")
     seeds = np.asarray(seeds)
     if seeds.ndim != 2 or seeds.dtype.kind not in "iu" or (seeds < 0).any():
         raise InputError("seeds must be an (N, R) array of integers from 0 on")
@@ -211,6 +222,8 @@ def rollout(
     weights = _checked("weights", weights, np.float32, (n, _weight_count(sizes)))
     designs = _checked("designs", designs, np.float64, (n, entry.design))
     factors = _checked("reward_factors", reward_factors, np.float64, (n,))
+    if noise_stds is not None:
+        noise_stds = _checked("noise_stds", noise_stds, np.float64, (n, entry.actions))
 
     returns = np.zeros((n, r))
     steps = np.zeros((n, r), dtype=np.int64)
@@ -220,6 +233,8 @@ def rollout(
     batch = _Batch(
         sizes=sizes.ctypes.data,
         weights=weights.ctypes.data,
+        noise_stds=None if noise_stds is None else noise_stds.ctypes.data,
+        time_scale=time_scale or 0.0,
         designs=designs.ctypes.data,
         reward_factors=factors.ctypes.data,
         seeds=seeds.ctypes.data,
@@ -237,13 +252,13 @@ def rollout(
     )
     threads = max(1, min(threads or len(os.sched_getaffinity(0)), n * r))
     call = ctypes.byref(batch), task.name.encode(), instruction_set(isa).encode(), threads
-    held = sizes, weights, designs, factors, seeds, returns, steps, seen
+    held = sizes, weights, noise_stds, designs, factors, seeds, returns, steps, seen
     _run(batch, call, held, progress)
     if (steps < 0).any():
         i, j = (int(k) for k in np.argwhere(steps < 0)[0])
         raise InputError(
             f"the episode of candidate {i} with seed {int(seeds[i, j])} has more contacts than "
-            'the engine holds; use backend="reference"'
+            'the engine holds, or an action that is no finite number; use backend="reference"'
         )
     if seen is None:
         return returns, steps
@@ -301,7 +316,7 @@ def _find(task: Task) -> tuple[_TaskEntry, int]:
     if unknown:
         raise InputError(
             f"the engine's {task.name} does not have the flag {unknown[0]!r}; it has "
-            f"{', '.join(known)}"
+            f"{', '.join(known) or 'none'}"
         )
     if task.max_steps < 1:
         raise InputError(f"an episode of {task.max_steps} steps is none")

@@ -34,6 +34,7 @@ for _id, _hardcore, _steps in (
         kwargs={"hardcore": _hardcore},
         max_episode_steps=_steps,
     )
+_ENGINE_TASKS["designrl/Ant-v0"] = lambda: (Task("ant", (), 1000), _ones)
 gymnasium.register("designrl/Ant-v0", entry_point="designrl.envs.ant:Ant", max_episode_steps=1000)
 
 
