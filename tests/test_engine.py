@@ -15,10 +15,10 @@ from designrl.engine.verify import (
     TERRAINS,
     compare,
     difference,
+    make_case,
     make_cases,
     run_engine,
     run_reference,
-    walker_case,
     zoo_policies,
 )
 from designrl.envs import engine_task
@@ -54,7 +54,7 @@ def case_of(batch, i, experiment, lidar="v2"):
     design = np.arctanh((batch["designs"][i] - 1.0) / 0.75)
     parameters = np.r_[batch["weights"][i], design]
     seed, network = int(batch["seeds"][i, 0]), Network(batch["sizes"])
-    return walker_case("random", experiment, parameters, seed, network, lidar=lidar)
+    return make_case("random", experiment, parameters, seed, network, lidar=lidar)
 
 
 def part_of(batch, rows):
@@ -80,7 +80,7 @@ def test_trained_policies_walk_the_same_course(policy):
     if policy is None:
         pytest.skip("no zoo of trained policies here")
     kind, parameters = policy
-    case = walker_case(kind, TERRAINS["hardcore" in kind], parameters, seed=17)
+    case = make_case(kind, TERRAINS["hardcore" in kind], parameters, seed=17)
     assert compare(case)[1] is None
 
 
@@ -92,7 +92,7 @@ def test_extreme_bodies_equal_box2d(experiment, bound):
     weights = rng.standard_normal(NETWORK.num_parameters)
     parameters = np.r_[weights, np.full(WALKER.design.size, bound)]
     for seed in (1, 2):
-        assert compare(walker_case("random", experiment, parameters, seed))[1] is None
+        assert compare(make_case("random", experiment, parameters, seed))[1] is None
 
 
 @needs_engine
@@ -172,7 +172,7 @@ def test_walkers_with_other_networks_equal_box2d(network):
     rng = np.random.default_rng(8)
     for experiment in TERRAINS:
         parameters = 0.5 * rng.standard_normal(network.num_parameters + WALKER.design.size)
-        assert compare(walker_case("random", experiment, parameters, 4, network))[1] is None
+        assert compare(make_case("random", experiment, parameters, 4, network))[1] is None
 
 
 @needs_engine

@@ -187,7 +187,7 @@ def rollout(
         noise_stds: (N, A) of Gaussian noise on the last layer before its activation, a function of
             the episode's seed (`designrl.policy.Agent.reset`). None: no noise.
         shaped: the published training code's rewards: a fall costs nothing, and a solved episode
-            (the walkers': no fall, more than 300 points) gets 100 more. The ant has no such rewards.
+            (the walkers': no fall, more than 300 points) gets 100 more. The ant has none such.
         threads: operating system threads; None: one per processor.
         isa: see `instruction_set`.
         observations: return them too; 154 to 192 kB per episode of the walker, 112 of the ant.

@@ -17,10 +17,13 @@ import pybullet
 import pytest
 
 import designrl  # noqa: F401
+from designrl import engine
+from designrl.checkpoint import load
+from designrl.engine.verify import PRETRAINED
 from designrl.envs.ant import Ant
 from designrl.experiments import get_experiment
 from designrl.policy import Agent, forward_function
-from designrl.simulation import run_episode
+from designrl.simulation import Episodes, run_engine, run_episode
 
 STEPS = 1000
 ROUNDS = 9
@@ -132,3 +135,41 @@ def test_ant_reset(benchmark, body):
 
     benchmark.pedantic(resets, rounds=ROUNDS, warmup_rounds=1)
     benchmark.extra_info["milliseconds"] = round(1e3 * benchmark.stats.stats.median / 20, 2)
+
+
+def isas():
+    if engine.missing_reason():
+        return []
+    library = engine._library()
+    return [isa for isa in engine.INSTRUCTION_SETS if library.designrl_engine_isa(isa.encode())]
+
+
+@pytest.mark.benchmark(group="ant rollouts")
+@pytest.mark.parametrize("isa", isas())
+@pytest.mark.parametrize("name", ["ant", "ant-morphology"])
+def test_engine_one_thread(benchmark, name, isa):
+    """Whole episodes of a trained policy, against the PyBullet environment before each round."""
+    agent = load(PRETRAINED / name / "seed0.safetensors", name)
+    env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
+    episodes = Episodes(agent.experiment, agent.network)
+    candidates, seeds = np.tile(agent.parameters, (32, 1)), np.arange(32)[:, None]
+    reference_rates, rates = [], []
+
+    def rate(run):
+        start = time.perf_counter()
+        steps = run()
+        return steps / (time.perf_counter() - start)
+
+    benchmark.pedantic(
+        lambda: rates.append(
+            rate(lambda: run_engine(episodes, candidates, seeds, threads=1, isa=isa)[1].sum())
+        ),
+        setup=lambda: reference_rates.append(rate(lambda: run_episode(env, agent, seed=0)[1])),
+        rounds=ROUNDS,
+        warmup_rounds=1,
+    )
+    ratios = [a / b for a, b in zip(rates[1:], reference_rates[1:], strict=True)]
+    benchmark.extra_info["steps_per_second"] = round(statistics.median(rates[1:]))
+    benchmark.extra_info["ratio_to_reference"] = round(statistics.median(ratios), 1)
+    aim = {"avx512": 25.0, "avx2": 20.0}.get(isa, 0.0)
+    assert benchmark.extra_info["ratio_to_reference"] >= aim
