@@ -31,12 +31,10 @@ class ConstraintSolver {
     Double change[kVelocities] = {};
     const Double zero = {};
     DoubleMask active = at_most(zero, zero);
-    for (int iteration = 0; iteration < kIterations; ++iteration) {
-      Double residual = zero;
-      sweep(iteration, active, change, residual);
-      active = but_not(active, at_most(residual, splat(kResidual)));
-      if (!any(active)) break;
-    }
+    int iteration = 0;
+    for (; iteration < kIterations - 1 && any(active); ++iteration)
+      active = but_not(active, at_most(sweep<true>(iteration, active, change), splat(kResidual)));
+    if (any(active)) sweep<false>(iteration, active, change);
     for (int i = 0; i < kVelocities; ++i)
       state.velocity[i] = clamp_velocity(state.velocity[i] + change[i]);
   }
@@ -65,39 +63,44 @@ class ConstraintSolver {
     }
   }
 
-  ENGINE_INLINE void sweep(int iteration, DoubleMask active, Double* change, Double& residual) {
+  // Returns the largest residual, the square of a change in velocity, or 0 where nobody asks for it.
+  template <bool kResiduals>
+  ENGINE_INLINE Double sweep(int iteration, DoubleMask active, Double* change) {
     const Double zero = {};
+    Double residual = zero;
     for (int i = 0; i < kJoints; ++i) {
       const int joint = kLimitOrder[iteration % 2 ? i : kJoints - 1 - i];
       LimitSlot& limit = limits_[joint];
       if (!limit.any_used) continue;
-      apply(limit, limit.side * change[6 + joint], both(limit.used, active), zero,
-            splat(kMaxLimitImpulse), change, residual);
+      apply<kResiduals>(limit, limit.side * change[6 + joint], both(limit.used, active), zero,
+                        splat(kMaxLimitImpulse), change, residual);
     }
     for (int i = 0; i < count_; ++i) {
       ContactSlot& slot = contacts_[i];
-      apply_contact<kUp>(slot, both(slot.used, active), zero, splat(kMaxNormalImpulse), change,
-                         residual);
+      apply_contact<kUp, kResiduals>(slot, both(slot.used, active), zero,
+                                     splat(kMaxNormalImpulse), change, residual);
     }
     for (int i = 0; i < count_; ++i) {
       ContactSlot& slot = contacts_[i];
       const Double normal = slot.rows[kUp].impulse, most = kFriction * normal;
       const DoubleMask pressed = both(both(slot.used, active), less(zero, normal));
       if (!any(pressed)) continue;
-      apply_contact<kMinusY>(slot, pressed, -most, most, change, residual);
-      apply_contact<kX>(slot, pressed, -most, most, change, residual);
+      apply_contact<kMinusY, kResiduals>(slot, pressed, -most, most, change, residual);
+      apply_contact<kX, kResiduals>(slot, pressed, -most, most, change, residual);
     }
+    return residual;
   }
 
-  template <Direction kDirection>
+  template <Direction kDirection, bool kResiduals>
   ENGINE_INLINE void apply_contact(ContactSlot& slot, DoubleMask takes_part, Double least,
                                    Double most, Double* change, Double& residual) {
     ContactRow& row = slot.rows[kDirection];
     const Double speed = project<kDirection>(row, slot.leg, slot.joints, change);
-    apply(row, speed, takes_part, least, most, change, residual);
+    apply<kResiduals>(row, speed, takes_part, least, most, change, residual);
   }
 
   // speed: the Jacobian times `change`, the velocities that all impulses so far have added.
+  template <bool kResiduals>
   ENGINE_INLINE static void apply(Row& row, Double speed, DoubleMask takes_part, Double least,
                                   Double most, Double* change, Double& residual) {
     const Double zero = {}, before = row.impulse;
@@ -109,6 +112,7 @@ class ConstraintSolver {
     row.impulse = select(takes_part, after, before);
     step = select(takes_part, step, zero);
     for (int i = 0; i < kVelocities; ++i) change[i] = change[i] + row.response[i] * step;
+    if (!kResiduals) return;
     Double error = step / row.inverse_mass_inverse;
     error = select(takes_part, error * error, zero);
     residual = select(less(error, residual), residual, error);

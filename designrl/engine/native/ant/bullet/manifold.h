@@ -97,7 +97,9 @@ class Points {
   }
 
   // btPersistentManifold::sortCachedPoints: never the deepest point; of the others, the one without
-  // which the rest and the new one span the largest area.
+  // which the rest and the new one span the largest area. Bullet takes the depths from the last
+  // refresh, which for a capsule was just before. (The torso's was a substep ago, but it never gets
+  // here: it has contacts in the four substeps before the episode ends, at most.)
   int find_superfluous(const Vec3<double>& at, double depth) const {
     Vec3<double> points[kMaxPoints];
     int deepest = -1;
