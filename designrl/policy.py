@@ -54,9 +54,11 @@ def tanh32(x: np.ndarray) -> np.ndarray:
 
 
 def noise_stds(log_stds: np.ndarray) -> np.ndarray:
-    """Standard deviations (N, A) of the output noise, exp(log_std / 2)."""
+    """Standard deviations (N, A) of the output noise, exp(log_std / 2), none of them infinite."""
     # Row by row: how long the array is must not decide which loop of NumPy rounds a number.
-    return np.array([np.exp(0.5 * row) for row in log_stds])
+    with np.errstate(over="ignore"):
+        stds = np.array([np.exp(0.5 * row) for row in log_stds])
+    return np.minimum(stds, np.finfo(np.float64).max)
 
 
 def split_layers(network: Network, parameters) -> list:

@@ -128,6 +128,14 @@ def test_the_noise_is_that_of_the_seed_and_the_log_stds():
     assert np.array_equal(noise_stds(log_stds)[2], np.exp(0.5 * log_stds[2]))
 
 
+@pytest.mark.filterwarnings("ignore:overflow")  # of the reference's noise in single precision
+def test_noise_without_bounds_equals_the_references():
+    experiment = get_experiment("ant")
+    parameters = 0.1 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
+    parameters[-8:] = 1e30
+    assert compare(make_case("loud", "ant", parameters, 5))[1] is None
+
+
 @pytest.mark.parametrize(
     "change",
     [
