@@ -40,7 +40,7 @@ FLAGS = [
 
 class BuildEngine(build_ext):
     def build_extension(self, extension):
-        print("designrl: compiling the engine (about half a minute, once)", flush=True)
+        print("designrl: compiling the engine (about a minute, once)", flush=True)
         try:
             machine = platform.machine().lower()
             if machine not in ("x86_64", "amd64") or not sys.platform.startswith("linux"):

@@ -32,10 +32,14 @@ class Network:
     noise: bool = False
 
     @cached_property
+    def num_weights(self) -> int:
+        """How many weights and biases there are."""
+        return sum((n + 1) * m for n, m in zip(self.sizes[:-1], self.sizes[1:], strict=True))
+
+    @cached_property
     def num_parameters(self) -> int:
         """Length of the flat vector: weights and biases layer by layer, then the log-stds."""
-        layers = zip(self.sizes[:-1], self.sizes[1:], strict=True)
-        return sum((n + 1) * m for n, m in layers) + self.noise * self.sizes[-1]
+        return self.num_weights + self.noise * self.sizes[-1]
 
 
 @dataclass(frozen=True)

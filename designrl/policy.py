@@ -53,6 +53,14 @@ def tanh32(x: np.ndarray) -> np.ndarray:
     return x.clip(-_ONE, _ONE)
 
 
+def noise_stds(log_stds: np.ndarray) -> np.ndarray:
+    """Standard deviations (N, A) of the output noise, exp(log_std / 2), none of them infinite."""
+    # Row by row: how long the array is must not decide which loop of NumPy rounds a number.
+    with np.errstate(over="ignore"):
+        stds = np.array([np.exp(0.5 * row) for row in log_stds])
+    return np.minimum(stds, np.finfo(np.float64).max)
+
+
 def split_layers(network: Network, parameters) -> list:
     """Views of a flat (P,) array or tensor: each layer's weights (in, out) and bias, log-stds."""
     views, start = [], 0
@@ -122,8 +130,8 @@ class Agent:
         self._observations = self.network.sizes[0] - (self.network.time_scale is not None)
         self._noise_std = None
         if self.network.noise:
-            log_stds = self.parameters[: self.network.num_parameters][-self.network.sizes[-1] :]
-            self._noise_std = np.exp(0.5 * log_stds)
+            log_stds = self.parameters[self.network.num_weights : self.network.num_parameters]
+            (self._noise_std,) = noise_stds(log_stds[None])
         self._rng = np.random.default_rng()
 
     def __reduce__(self):  # the compiled forward pass cannot be pickled
@@ -196,7 +204,7 @@ class Agent:
     def _forward(self):
         # (inputs,) and (A,) or None, float32 -> (A,) float32
         network = self.network
-        weights = self.parameters[: network.num_parameters - network.noise * network.sizes[-1]]
+        weights = self.parameters[: network.num_weights]
         try:
             return engine.act_function(network.sizes, network.output == "tanh", weights)
         except InputError:  # no library here, or a layer wider than it takes

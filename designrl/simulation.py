@@ -24,13 +24,14 @@ from gymnasium.envs.registration import load_env_creator
 from designrl import engine, envs
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network, Shaping, get_experiment
-from designrl.policy import Agent
+from designrl.policy import Agent, noise_stds
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
 BACKENDS = ("engine", "reference")
 # At most, on a busy machine; an episode takes 0.4 s on an idle one.
 START_SECONDS, EPISODE_SECONDS = 120.0, 30.0
 PIECES_PER_WORKER = 8  # of a generation: enough to keep all workers busy to the end of it
+TRIAL_STEPS = 100  # of the episode in which the engine shows that it has the reference's bits
 ENGINE_LANES = 16  # episodes that the engine runs side by side in one thread
 
 
@@ -116,10 +117,9 @@ class Simulator(AbstractContextManager):
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
                 raise InputError(f"{self.experiment.name} has no {unknown[0]}; leave it out")
         if backend == "engine":
-            reason = engine.missing_reason()
             if envs.engine_task(self.experiment.env_id, **env_kwargs) is None:
                 backend = "reference"
-            elif reason:
+            elif reason := engine_reason(self.experiment):
                 print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
                 backend = "reference"
         self.backend = backend
@@ -282,17 +282,48 @@ def run_episode(
     return total, steps
 
 
+def engine_reason(experiment: Experiment) -> str | None:
+    """Why the engine cannot run an experiment here, as a clause; None if it can."""
+    reason = engine.missing_reason()
+    if reason or experiment.env_id not in envs.ENGINE_ON_TRIAL:
+        return reason
+    if experiment.env_id not in _trials:
+        _trials[experiment.env_id] = _try_engine(experiment)
+    return _trials[experiment.env_id]
+
+
+_trials: dict[str, str | None] = {}  # of each environment, once in a process
+
+
+def _try_engine(experiment: Experiment) -> str | None:
+    # Contacts carry a difference in the last bit of anything into the return within a few steps.
+    episodes = Episodes(experiment, experiment.network, {"max_episode_steps": TRIAL_STEPS})
+    candidates = np.random.default_rng(0).standard_normal((1, experiment.num_parameters)) * 0.1
+    runs = [run(episodes, candidates, np.array([[0]])) for run in (run_reference, _run_engine)]
+    if all(np.array_equal(a, b) for a, b in zip(*runs, strict=True)):
+        return None
+    return (
+        f"the compiled engine's {experiment.env_id} is not the reference's to the bit with what is "
+        "installed here (it was written for PyBullet 3.2.7 on glibc)"
+    )
+
+
 def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
     """The same from the compiled engine; where a worker has none, from the reference.
 
     Args:
         options: `threads`, `progress` and others of `designrl.engine.rollout`.
     """
-    if engine.missing_reason():
+    if engine_reason(episodes.experiment):
         return run_reference(episodes, candidates, seeds)
+    return _run_engine(episodes, candidates, seeds, **options)
+
+
+def _run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
     experiment, network = episodes.experiment, episodes.network
     task, reward_factors = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
-    weights, rest = np.split(candidates, [network.num_parameters], axis=1)
+    own, rest = np.split(candidates, [network.num_parameters], axis=1)
+    weights, log_stds = np.split(own, [network.num_weights], axis=1)
     scales = np.ones((len(seeds), experiment.body.design.size))
     if experiment.design:
         scales = experiment.design.scales(rest)
@@ -304,6 +335,8 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
         reward_factors(scales),
         seeds,
         output_tanh=network.output == "tanh",
+        time_scale=network.time_scale,
+        noise_stds=noise_stds(log_stds) if network.noise else None,
         shaped=episodes.shaping is not None,
         **options,
     )

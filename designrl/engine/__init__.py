@@ -13,7 +13,7 @@ import ctypes
 import os
 import threading
 from collections.abc import Callable
-from ctypes import c_char_p, c_int, c_int32, c_int64, c_uint32, c_void_p
+from ctypes import c_char_p, c_double, c_int, c_int32, c_int64, c_uint32, c_void_p
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -33,9 +33,9 @@ class Task:
     """A task of the compiled engine.
 
     Attributes:
-        name: of the task ("walker").
+        name: of the task ("walker", "ant").
         flags: what is chosen of it; the walker's are "hardcore" (the terrain with obstacles) and
-            "closest_hits" (LIDAR v3).
+            "closest_hits" (LIDAR v3), the ant has none.
         max_steps: time limit.
     """
 
@@ -48,7 +48,9 @@ class _Batch(ctypes.Structure):
     """native/common/batch.h, field by field."""
 
     _fields_ = [
-        *((name, c_void_p) for name in ("sizes", "weights", "designs", "reward_factors", "seeds")),
+        *((name, c_void_p) for name in ("sizes", "weights", "noise_stds")),
+        ("time_scale", c_double),
+        *((name, c_void_p) for name in ("designs", "reward_factors", "seeds")),
         *((name, c_int64) for name in ("candidates", "rollouts", "weight_count")),
         ("layers", c_int32),
         ("output_tanh", c_int32),
@@ -105,6 +107,14 @@ def missing_reason() -> str | None:
     return library if isinstance(library, str) else None
 
 
+def instruction_sets() -> list[str]:
+    """Those that this processor has; empty where the engine cannot run."""
+    library = _load()
+    if isinstance(library, str):
+        return []
+    return [isa for isa in INSTRUCTION_SETS if library.designrl_engine_isa(isa.encode())]
+
+
 def instruction_set(name: str | None = None) -> str:
     """The instruction set in use: `name`, else $DESIGNRL_ENGINE_ISA, else the processor's best.
 
@@ -112,12 +122,11 @@ def instruction_set(name: str | None = None) -> str:
         InputError: unknown, or this processor does not have it.
     """
     name = name or os.environ.get(ISA_VARIABLE, "")
-    library = _library()
-    isa = library.designrl_engine_isa(name.encode())
+    isa = _library().designrl_engine_isa(name.encode())
     if isa is None:
         raise InputError(
             f"{name!r} (isa= or {ISA_VARIABLE}) is no instruction set of this processor; it has "
-            f"{', '.join(i for i in INSTRUCTION_SETS if library.designrl_engine_isa(i.encode()))}"
+            f"{', '.join(instruction_sets())}"
         )
     return isa.decode()
 
@@ -131,6 +140,8 @@ def rollout(
     seeds: np.ndarray,
     *,
     output_tanh: bool = True,
+    time_scale: float | None = None,
+    noise_stds: np.ndarray | None = None,
     shaped: bool = False,
     threads: int | None = None,
     isa: str | None = None,
@@ -141,18 +152,21 @@ def rollout(
 
     Args:
         task: with O observations, A actions and D dimensions of its body.
-        sizes: of the tanh network: O, the hidden layers', A.
+        sizes: of the tanh network: O (with a time scale O + 1), the hidden layers', A.
         weights: (N, P) of the networks, layer by layer the matrix (inputs, outputs) in row-major
             order and the bias, as in `designrl.policy`.
         designs: (N, D) scales.
         reward_factors: (N,) multiplies every reward but that of a fall.
         seeds: (N, R), 0 <= seed < 2**63.
         output_tanh: whether the last layer has tanh, too.
+        time_scale: steps; the network's last input is t / time_scale. None: it sees no time.
+        noise_stds: (N, A) of Gaussian noise on the last layer before its activation, a function of
+            the episode's seed (`designrl.policy.Agent.reset`). None: no noise.
         shaped: the published training code's rewards: a fall costs nothing, and a solved episode
-            (the walkers': no fall, more than 300 points) gets 100 more.
+            (the walkers': no fall, more than 300 points) gets 100 more. The ant has none such.
         threads: operating system threads; None: one per processor.
         isa: see `instruction_set`.
-        observations: return them too; 154 to 192 kB per episode of the walker.
+        observations: return them too; 154 to 192 kB per episode of the walker, 112 of the ant.
         progress: called with the number of episodes that have ended since its last call.
 
     Returns:
@@ -162,16 +176,19 @@ def rollout(
     Raises:
         InputError: the engine cannot run here; an unknown task, flag or instruction set; arrays
             that do not fit the task or each other, or that are not finite; an episode beyond the
-            engine's capacities (it is never simulated differently instead).
+            engine's capacities (it is never simulated differently instead), or an action that is
+            no finite number.
         KeyboardInterrupt: within a step or two of Ctrl-C.
     """
     inputs, outputs, dimensions, flags = _find(task)
     sizes = _checked_sizes(sizes)
-    if (sizes[0], sizes[-1]) != (inputs, outputs):
+    if (sizes[0], sizes[-1]) != (inputs + (time_scale is not None), outputs):
         raise InputError(
             f"the engine's {task.name} has {inputs} observations and {outputs} actions, a network "
             f"{'-'.join(map(str, sizes))} does not fit"
         )
+    if time_scale is not None and not 0 < time_scale < float("inf"):
+        raise InputError(f"time_scale is {time_scale}; it must be a finite number above 0")
     seeds = np.asarray(seeds)
     if seeds.ndim != 2 or seeds.dtype.kind not in "iu" or (seeds < 0).any():
         raise InputError("seeds must be an (N, R) array of integers from 0 on")
@@ -186,10 +203,13 @@ def rollout(
         "returns": returns,
         "steps": steps,
     }
+    if noise_stds is not None:
+        arrays["noise_stds"] = _checked("noise_stds", noise_stds, np.float64, (n, outputs))
     if observations:
         seen = np.empty((n, r, task.max_steps + 1, inputs), dtype=np.float32)
         arrays["observations"] = seen
     batch = _Batch(
+        time_scale=time_scale or 0.0,
         candidates=n,
         rollouts=r,
         weight_count=_weight_count(sizes),
@@ -207,7 +227,7 @@ def rollout(
         i, j = (int(k) for k in np.argwhere(steps < 0)[0])
         raise InputError(
             f"the episode of candidate {i} with seed {int(seeds[i, j])} has more contacts than "
-            'the engine holds; use backend="reference"'
+            'the engine holds, or an action that is no finite number; use backend="reference"'
         )
     if not observations:
         return returns, steps
@@ -265,7 +285,7 @@ def _find(task: Task) -> tuple[int, int, int, int]:
     if unknown:
         raise InputError(
             f"the engine's {task.name} does not have the flag {unknown[0]!r}; it has "
-            f"{', '.join(known)}"
+            f"{', '.join(known) or 'none'}"
         )
     if task.max_steps < 1:
         raise InputError(f"an episode of {task.max_steps} steps is none")

@@ -6,7 +6,8 @@ import math
 import os
 import sys
 import tempfile
-from operator import mul
+from functools import reduce
+from operator import add, mul
 
 import gymnasium
 import numpy as np
@@ -26,6 +27,11 @@ from designrl.bodies.ant import (
 )
 from designrl.envs.inputs import checked_action, chosen_design
 from designrl.errors import InputError
+
+
+def _sum(values) -> float:
+    # One after the other: from Python 3.12 on, sum() rounds otherwise.
+    return reduce(add, values, 0.0)
 
 
 def _flush_c() -> None:
@@ -249,8 +255,8 @@ class Ant(gymnasium.Env, EzPickle):
         observation = self._observe()
         foot_collisions = self._touch()
 
-        power = sum(map(abs, map(mul, actions, self.joint_speeds)))
-        effort = sum(map(mul, actions, actions))
+        power = _sum(map(abs, map(mul, actions, self.joint_speeds)))
+        effort = _sum(map(mul, actions, actions))
         alive = self._height > FALLEN_HEIGHT
         terms = {
             "alive": 1.0 if alive else -1.0,
@@ -260,7 +266,7 @@ class Ant(gymnasium.Env, EzPickle):
             "joint_limits": JOINT_LIMIT_COST * self._joints_at_limit,
             "foot_collision": FOOT_COLLISION_COST * foot_collisions,
         }
-        return observation, sum(terms.values()), not alive, False, {"reward_terms": terms}
+        return observation, _sum(terms.values()), not alive, False, {"reward_terms": terms}
 
     def _observe(self) -> np.ndarray:
         # Few calls for many numbers, and plain floats: both matter beside 0.1 ms of physics.

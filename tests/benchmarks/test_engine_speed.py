@@ -18,10 +18,12 @@ import pytest
 from test_environment_speed import RandomActions
 
 from designrl import engine
+from designrl.checkpoint import load
+from designrl.engine.verify import PRETRAINED
 from designrl.envs import engine_task
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.simulation import run_episode
+from designrl.simulation import Episodes, run_engine, run_episode
 
 REASON = engine.missing_reason()
 CORES = len(os.sched_getaffinity(0))
@@ -99,3 +101,22 @@ def beside():
 def test_rollouts(benchmark, measure, subject, beside):
     measure(subject(), beside)
     benchmark.extra_info["instruction_set"] = engine.instruction_set()
+
+
+@needs_engine
+@pytest.mark.benchmark(group="ant rollouts")
+@pytest.mark.parametrize("isa", engine.instruction_sets())
+@pytest.mark.parametrize("name", ["ant", "ant-morphology"])
+def test_ants_on_one_thread(benchmark, measure, name, isa):
+    """Whole episodes of a trained policy, beside the PyBullet environment."""
+    agent = load(PRETRAINED / name / "seed0.safetensors", name)
+    env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
+    episodes = Episodes(agent.experiment, agent.network)
+    candidates, seeds = np.tile(agent.parameters, (32, 1)), np.arange(32)[:, None]
+    options = {"threads": 1, "isa": isa}
+    ratio = measure(
+        lambda: run_engine(episodes, candidates, seeds, **options)[1].sum(),
+        lambda: run_episode(env, agent, seed=0)[1],
+    )
+    benchmark.extra_info["instruction_set"] = isa
+    assert ratio >= {"avx512": 25.0, "avx2": 20.0}.get(isa, 0.0)

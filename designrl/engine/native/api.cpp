@@ -10,27 +10,36 @@
 #include "common/batch.h"
 #include "common/policy.h"
 
-namespace engine_sse2::walker { extern const TaskEntry kTask; }
-namespace engine_avx2::walker { extern const TaskEntry kTask; }
-namespace engine_avx512::walker { extern const TaskEntry kTask; }
+namespace engine_sse2 {
+namespace walker { extern const TaskEntry kTask; }
+namespace ant { extern const TaskEntry kTask; }
+}
+namespace engine_avx2 {
+namespace walker { extern const TaskEntry kTask; }
+namespace ant { extern const TaskEntry kTask; }
+}
+namespace engine_avx512 {
+namespace walker { extern const TaskEntry kTask; }
+namespace ant { extern const TaskEntry kTask; }
+}
 
 namespace {
 
 struct Variant {
   const char* name;
   bool (*supported)();
-  const TaskEntry* tasks[1];
+  const TaskEntry* tasks[2];
 };
 
 const Variant kVariants[] = {  // the best first
     {"avx512",
      [] { return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
                  __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"); },
-     {&engine_avx512::walker::kTask}},
+     {&engine_avx512::walker::kTask, &engine_avx512::ant::kTask}},
     {"avx2",
      [] { return bool(__builtin_cpu_supports("avx2")); },
-     {&engine_avx2::walker::kTask}},
-    {"sse2", [] { return true; }, {&engine_sse2::walker::kTask}},
+     {&engine_avx2::walker::kTask, &engine_avx2::ant::kTask}},
+    {"sse2", [] { return true; }, {&engine_sse2::walker::kTask, &engine_sse2::ant::kTask}},
 };
 
 const Variant* find_variant(const char* name) {

@@ -7,7 +7,7 @@
 //   kLanes                               episodes that are solved at once
 //   kHeld                                episodes that a thread holds
 //   kSolvedReturn, kSolvedBonus          points, of the shaped rewards
-//   Network                              its own policy, a FixedNetwork
+//   Networks                             its own policies, FixedNetworks
 //   Solver                               lanes of physics; solve(n) solves the first n of them
 //   reset(seed, flags, design)           starts an episode; flags: bits of Batch::flags
 //   begin_step(action)                   up to what the lanes solve. The round after reset has no
@@ -26,13 +26,14 @@
 
 #include "common/batch.h"
 #include "common/policy.h"
+#include "common/random.h"
 
 namespace ENGINE {
 
 // Of a step.
 template <class Task>
 struct Outcome {
-  float observation[Task::kObservations];
+  float observation[Task::kObservations + 1];  // and room for the time, if the policy sees it
   double reward;  // of the environment; with a fall, what that costs
   bool terminated, fell;
 };
@@ -50,22 +51,29 @@ class Episode {
     active = episode_ < batch.candidates * batch.rollouts;
     if (!active) return false;
     candidate_ = episode_ / batch.rollouts;
+    // A stream of its own, apart from the task's (designrl/policy.py, Agent.reset).
+    if (batch.noise_stds) noise_ = Generator(SeedSequence(batch.seeds[episode_], 1));
     task.reset(batch.seeds[episode_], batch.flags, batch.designs + Task::kDesign * candidate_);
     total_ = 0.0;
     steps_ = -1;  // the first round leads to the first observation
     return true;
   }
 
-  // own_network: the batch's policy is the task's own.
-  void begin_step(const Batch& batch, bool own_network) {
-    float action[Task::kActions];
+  // own_network: where the batch's policy is one of the task's own; null: it is not.
+  void begin_step(const Batch& batch, Act own_network) {
+    float action[Task::kActions], noise[Task::kActions];
     if (steps_ >= 0) {
       const float* weights = batch.weights + batch.weight_count * candidate_;
-      if (own_network)
-        Task::Network::act(weights, outcome_.observation, action);
-      else
-        act(weights, batch.sizes, batch.layers, batch.output_tanh, outcome_.observation, nullptr,
-            action);
+      float* input = outcome_.observation;
+      if (batch.time_scale) input[Task::kObservations] = float(double(steps_) / batch.time_scale);
+      if (batch.noise_stds) {
+        const double* stds = batch.noise_stds + Task::kActions * candidate_;
+        for (int i = 0; i < Task::kActions; ++i)
+          noise[i] = float(noise_.standard_normal() * stds[i]);
+      }
+      const float* added = batch.noise_stds ? noise : nullptr;
+      if (own_network) own_network(weights, input, added, action);
+      else act(weights, batch.sizes, batch.layers, batch.output_tanh, input, added, action);
     }
     task.begin_step(steps_ >= 0 ? action : nullptr);
   }
@@ -96,6 +104,7 @@ class Episode {
 
  private:
   Outcome<Task> outcome_;
+  Generator noise_;
   int64_t episode_, candidate_, steps_;
   double total_;
 };
@@ -111,7 +120,7 @@ struct Thread {
 template <class Task>
 void run_episodes(Batch& batch, void* memory, int64_t share) {
   Thread<Task>& thread = *static_cast<Thread<Task>*>(memory);
-  const bool own_network = Task::Network::is(batch.sizes, batch.layers, batch.output_tanh);
+  const Act own_network = Task::Networks::find(batch.sizes, batch.layers, batch.output_tanh);
   const int held = share < Task::kHeld ? int(share) : Task::kHeld;
   bool left = true;
   for (;;) {

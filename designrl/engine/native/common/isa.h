@@ -6,12 +6,15 @@
 // path. For the same reason nothing here uses containers or algorithms of the standard library.
 //
 //   common/    what every task uses
-//     lanes      vectors of numbers, one lane for each of several bodies
-//     random     NumPy's random numbers
+//     lanes, doubles
+//                vectors of numbers, one lane for each of several bodies
+//     random, ziggurat
+//                NumPy's random numbers
 //     policy     the tanh network
 //     batch      what a caller asks for: many episodes; and what a task tells of itself
 //     episodes   one episode after the other in every lane, of any task
 //   walker/    the walker's task; walker.h lists its files
+//   ant/       the ant's task; ant.h lists its files
 //   api.cpp    what ctypes calls: picks the task and the instruction set, runs the threads
 //
 // A task has a namespace of its own in that of the instruction set.

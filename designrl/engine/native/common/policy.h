@@ -1,5 +1,5 @@
 // The policy networks (designrl/policy.py): float32, sums over the inputs in order. A task's own
-// network has its sizes compiled in; one function takes any sizes, and gives the same bits.
+// networks have their sizes compiled in; one function takes any sizes, and gives the same bits.
 //
 // Weights are stored layer by layer: the matrix (inputs, outputs) row by row, then the bias.
 #pragma once
@@ -25,29 +25,50 @@ inline float tanh32(float x) {
   return minimum(maximum((x * p) / q, -1.0f), 1.0f);
 }
 
-// A network of these sizes (inputs, each layer's outputs), all with tanh.
-template <int kIn, int kOut, int... kMore>
+// One action. noise: added to the last layer's sums, or null.
+using Act = void (*)(const float* weights, const float* input, const float* noise, float* action);
+
+enum class Output { kLinear, kTanh };  // activation of the last layer; the others have tanh
+
+// A network of these sizes: inputs, each layer's outputs.
+template <Output kOutput, int kIn, int kOut, int... kMore>
 struct FixedNetwork {
   static bool is(const int32_t* sizes, int layers, bool output_tanh) {
     constexpr int kLayers = 1 + sizeof...(kMore), expected[] = {kIn, kOut, kMore...};
-    bool equal = layers == kLayers && output_tanh;
+    bool equal = layers == kLayers && output_tanh == (kOutput == Output::kTanh);
     for (int i = 0; equal && i <= kLayers; ++i) equal = sizes[i] == expected[i];
     return equal;
   }
 
-  static void act(const float* weights, const float* __restrict in, float* __restrict action) {
+  static void act(const float* weights, const float* __restrict in, const float* noise,
+                  float* __restrict action) {
     float sum[kOut];
     for (int o = 0; o < kOut; ++o) sum[o] = in[0] * weights[o];
     for (int i = 1; i < kIn; ++i)
       for (int o = 0; o < kOut; ++o) sum[o] += in[i] * weights[i * kOut + o];
     const float* bias = weights + kIn * kOut;
     if constexpr (sizeof...(kMore) == 0) {
-      for (int o = 0; o < kOut; ++o) action[o] = tanh32(sum[o] + bias[o]);
+      for (int o = 0; o < kOut; ++o) sum[o] += bias[o];
+      if (noise)
+        for (int o = 0; o < kOut; ++o) sum[o] += noise[o];
+      for (int o = 0; o < kOut; ++o)
+        action[o] = kOutput == Output::kTanh ? tanh32(sum[o]) : sum[o];
     } else {
       float hidden[kOut];
       for (int o = 0; o < kOut; ++o) hidden[o] = tanh32(sum[o] + bias[o]);
-      FixedNetwork<kOut, kMore...>::act(bias + kOut, hidden, action);
+      FixedNetwork<kOutput, kOut, kMore...>::act(bias + kOut, hidden, noise, action);
     }
+  }
+};
+
+// The networks of a task that have their sizes compiled in.
+template <class... Networks>
+struct FixedNetworks {
+  // The one of these sizes, or null.
+  static Act find(const int32_t* sizes, int layers, bool output_tanh) {
+    Act found = nullptr;
+    ((Networks::is(sizes, layers, output_tanh) ? void(found = Networks::act) : void()), ...);
+    return found;
   }
 };
 

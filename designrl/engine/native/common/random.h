@@ -1,9 +1,11 @@
 // NumPy's random generator as Gymnasium seeds it: Generator(PCG64(SeedSequence(seed))).
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 
 #include "common/isa.h"
+#include "common/ziggurat.h"
 
 namespace ENGINE {
 
@@ -21,6 +23,11 @@ struct SeedSequence {
     for (int from = 0; from < kPool; ++from)
       for (int to = 0; to < kPool; ++to)
         if (from != to) pool[to] = mixed(pool[to], hashed(pool[from], hash));
+    hash_ = hash;
+  }
+  // SeedSequence(seed, spawn_key=(spawn_key,)): the key follows the seed, filled up to the pool.
+  SeedSequence(uint64_t seed, uint32_t spawn_key) : SeedSequence(seed) {
+    for (uint32_t& to : pool) to = mixed(to, hashed(spawn_key, hash_));
   }
 
   void generate(uint64_t* out, int count) const {
@@ -36,6 +43,8 @@ struct SeedSequence {
   }
 
  private:
+  uint32_t hash_;
+
   static uint32_t hashed(uint32_t value, uint32_t& hash) {
     value ^= hash;
     hash *= 0x931e8875u;
@@ -51,9 +60,10 @@ struct SeedSequence {
 // PCG64 (XSL-RR 128/64, O'Neill 2014) with the distributions of NumPy's Generator.
 class Generator {
  public:
-  explicit Generator(uint64_t seed) {
+  explicit Generator(uint64_t seed) : Generator(SeedSequence(seed)) {}
+  explicit Generator(const SeedSequence& seed) {
     uint64_t words[4];
-    SeedSequence(seed).generate(words, 4);
+    seed.generate(words, 4);
     Word start = (Word(words[0]) << 64) | words[1];
     Word stream = (Word(words[2]) << 64) | words[3];
     increment_ = (stream << 1) | 1;
@@ -67,6 +77,28 @@ class Generator {
   double random() { return double(next64() >> 11) * (1.0 / 9007199254740992.0); }
 
   double uniform(double low, double high) { return low + (high - low) * random(); }
+
+  double standard_normal() {
+    for (;;) {
+      uint64_t bits = next64();
+      const int layer = int(bits & 0xff);
+      const bool negative = bits >> 8 & 1;
+      bits = bits >> 9 & 0x000fffffffffffff;
+      double x = double(bits) * kZigguratWidth[layer];
+      if (negative) x = -x;
+      if (bits < kZigguratInside[layer]) return x;  // 99 of 100 times
+      if (layer == 0) {
+        for (;;) {
+          const double beyond = -kZigguratInverseEdge * std::log1p(-random());
+          const double y = -std::log1p(-random());
+          if (y + y > beyond * beyond)
+            return bits >> 8 & 1 ? -(kZigguratEdge + beyond) : kZigguratEdge + beyond;
+        }
+      }
+      const double above = kZigguratCurve[layer - 1] - kZigguratCurve[layer];
+      if (above * random() + kZigguratCurve[layer] < std::exp(-0.5 * x * x)) return x;
+    }
+  }
 
   // Integer in [low, high): Lemire's method on 32-bit draws. Two of them come from one 64-bit draw;
   // the second half waits, also across calls of random() and uniform(). A range of one value

@@ -53,7 +53,8 @@ class Walker {
   // Enough to fill vectors with walkers in like contact with the ground.
   static constexpr int kHeld = 2 * kLanes;
   static constexpr double kSolvedReturn = 300.0, kSolvedBonus = 100.0;  // points
-  using Network = FixedNetwork<kObservations, 40, 40, kActions>;
+  using Networks =
+      FixedNetworks<FixedNetwork<Output::kTanh, kObservations, 40, 40, kActions>>;
   using Solver = VelocitySolver;
 
   // BipedalWalker.reset up to, but without, its first step. scales: (8,) of the design.

@@ -1,0 +1,85 @@
+// btMultiBodyDynamicsWorld::stepSimulation of as many ants as there are lanes, each alone on its
+// floor.
+#pragma once
+
+#include "ant/bullet/constraint_solver.h"
+
+namespace ENGINE::ant {
+
+struct World {
+  Body<Double> body;
+  State state;
+  Double torque[kJoints];  // N m, of the coming step
+  Kinematics parts;
+  Contacts contacts;
+  // What getLinkStates shows: the parts as they were before the last substep.
+  Vector shown_origin[kLegs][kLegParts];
+  Matrix shown_torso;
+
+  // Puts an ant into a lane: level and at rest, with joints at these angles, (kJoints,) rad.
+  void place(int l, const Body<double>& one, const double* angles) {
+    set_lane(body, l, one);
+    set_lane(state.position, l, {0.0, 0.0, kTorsoHeight});
+    state.rotation.x[l] = state.rotation.y[l] = state.rotation.z[l] = 0.0;
+    state.rotation.w[l] = 1.0;
+    for (Double& v : state.velocity) v[l] = 0.0;
+    for (int j = 0; j < kJoints; ++j) {
+      state.angle[j][l] = angles[j];
+      torque[j][l] = 0.0;
+    }
+    contacts.clear(l);
+    parts.update(body, state);  // of the other lanes, too: it finds there what it has found before
+    for (int leg = 0; leg < kLegs; ++leg)
+      for (int k = 0; k < kLegParts; ++k)
+        set_lane(shown_origin[leg][k], l, lane_of(parts.origin[leg][k], l));
+    for (int i = 0; i < 3; ++i) set_lane(shown_torso.row[i], l, lane_of(parts.torso.row[i], l));
+  }
+
+  void step() {
+    for (int i = 0; i < kSubsteps; ++i) {
+      if (i == kSubsteps - 1) {
+        for (int leg = 0; leg < kLegs; ++leg)
+          for (int k = 0; k < kLegParts; ++k) shown_origin[leg][k] = parts.origin[leg][k];
+        shown_torso = parts.torso;
+      }
+      contacts.update(body, state, parts);
+      articulated_.accelerate(body, parts, torque, state);
+      solver_.solve(body, parts, contacts, articulated_, state);
+      integrate();
+      parts.update(body, state);
+    }
+  }
+
+ private:
+  Articulated articulated_;
+  ConstraintSolver solver_;
+
+  // btMultiBody::stepPositionsMultiDof.
+  void integrate() {
+    constexpr double h = kSubstep;
+    const Double* v = state.velocity;
+    state.position.x = state.position.x + h * v[3];
+    state.position.y = state.position.y + h * v[4];
+    state.position.z = state.position.z + h * v[5];
+
+    const Vector turn = {v[0], v[1], v[2]};
+    Double speed = square_root(dot(turn, turn)), sine, cosine;
+    speed = select(less(splat(kMaxTurn), speed * h), splat(kMaxTurn / h), speed);
+    for (int l = 0; l < kDoubles; ++l) {
+      sine[l] = std::sin(0.5 * speed[l] * h);
+      cosine[l] = std::cos(speed[l] * h * 0.5);
+    }
+    // sin(speed h / 2) / speed, near 0 by its Taylor series.
+    const Double share = select(less(speed, splat(0.001)),
+                                0.5 * h - ((h * h * h) * 0.020833333333) * speed * speed,
+                                sine / speed);
+    const Quaternion by = {-(turn.x * share), -(turn.y * share), -(turn.z * share), cosine};
+    const Quaternion q = state.rotation * by;
+    const Double inverse_length = 1.0 / square_root(length_squared(q));
+    state.rotation = {q.x * inverse_length, q.y * inverse_length, q.z * inverse_length,
+                      q.w * inverse_length};
+    for (int j = 0; j < kJoints; ++j) state.angle[j] = state.angle[j] + h * v[6 + j];
+  }
+};
+
+}  // namespace ENGINE::ant
