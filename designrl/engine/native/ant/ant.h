@@ -1,5 +1,5 @@
-// The ant's task: start of an episode, a step, observation and reward (designrl/envs/ant.py), in the
-// arithmetic of Python's floats.
+// The ant's task: start of an episode, a step, observation and reward (designrl/envs/ant.py), in
+// the arithmetic of Python's floats.
 //
 // The files, in the order of a step:
 //   constants             numbers of the task
@@ -17,11 +17,11 @@
 //     world               a step as a whole
 //   ant                   the task as a whole
 //
-// bullet/ follows Bullet 3.25 operation by operation (Erwin Coumans and others, bulletphysics.org,
+// bullet/ follows Bullet 3 operation by operation (Erwin Coumans and others, bulletphysics.org,
 // zlib licence; this is an altered version, written anew for this one body), as PyBullet's wheel
 // computes it: in double precision, without fused multiply-adds, with sine and cosine of the C
-// library that runs, which is the one that PyBullet calls. What has no effect here is left out: warm
-// starting, sleeping, islands, split impulses, motors, the broad phase.
+// library that runs, which is the one that PyBullet calls. What has no effect here is left out:
+// warm starting, sleeping, islands, split impulses, motors, the broad phase.
 #pragma once
 
 #include "ant/bullet/world.h"
@@ -115,7 +115,8 @@ class Ant {
   // action: null in the round after reset, in which the ant is put into its lane.
   void begin_step(const float* action) {
     starts_ = !action;
-    for (int j = 0; action && j < kJoints; ++j) {
+    if (starts_) return;
+    for (int j = 0; j < kJoints; ++j) {
       action_[j] = action[j];
       if (!std::isfinite(action_[j])) {  // the environment refuses it
         failed_ = true;

@@ -13,7 +13,7 @@ namespace ENGINE::ant {
 // bottom. The joints' links have no mass and no shape, and only the joints can turn.
 constexpr int kLegs = 4;
 enum PartIndex { kTop, kMiddle, kBottom, kLegParts };
-constexpr int kShapes = 1 + kLegs * kLegParts;  // that meet the floor: the torso, then the legs' parts
+constexpr int kShapes = 1 + kLegs * kLegParts;  // that meet the floor: the torso, the legs' parts
 // Joints of leg i: the hip 2 i, the ankle 2 i + 1. Hips turn about z, ankles about (kAnkleX, 1, 0),
 // which is not of length 1, and Bullet does not make it so.
 constexpr int kJoints = 2 * kLegs;

@@ -9,7 +9,7 @@
 struct Batch {
   const int32_t* sizes;          // (layers + 1,) of the network: inputs, each layer's outputs
   const float* weights;          // (candidates, weight_count), see policy.h
-  const double* noise_stds;      // (candidates, actions) of the last layer's sums, or null: no noise
+  const double* noise_stds;      // (candidates, actions) on the last layer's sums, or null: none
   double time_scale;             // steps; the last input is t / time_scale; 0: there is none such
   const double* designs;         // (candidates, the task's design) scales
   const double* reward_factors;  // (candidates,)

@@ -8,7 +8,7 @@
 
 namespace ENGINE {
 
-constexpr double kZigguratEdge = 3.6541528853610088;  // x of the bottom layer, where the tail begins
+constexpr double kZigguratEdge = 3.6541528853610088;  // of the bottom layer; the tail follows
 constexpr double kZigguratInverseEdge = 0.27366123732975828;
 
 // A layer's share that lies under the curve whatever its height, in 2^-52.

@@ -2,13 +2,13 @@
 // computeAccelerationsArticulatedBodyAlgorithmMultiDof and calcAccelerationDeltasMultiDof).
 //
 // In three passes: outward, each link's velocity and the force that would hold it; inward, each
-// link's inertia and force with all that hangs on it; outward again, the accelerations. The legs are
-// taken from the last to the first on the way in, as Bullet's links are: the torso's sums round
-// in that order.
+// link's inertia and force with all that hangs on it; outward again, the accelerations. On the way
+// in, legs are taken from the last to the first, as Bullet's links are: in that order the torso's
+// sums are rounded.
 //
 // What folds away, to the bit: the rotation of a fixed link is the exact identity and its offset is
-// flat (z = 0); a joint's own link has no mass, so that its inertia is that of the part which is fixed
-// to it, seen from the joint; a hip turns about z, so that its rotation is a Turn.
+// flat (z = 0); a joint's own link has no mass, so that its inertia is that of the part which is
+// fixed to it, seen from the joint; a hip turns about z, so that its rotation is a Turn.
 #pragma once
 
 #include "ant/bullet/kinematics.h"
@@ -91,11 +91,11 @@ class Articulated {
   void accelerate(const Body<Double>& body, const Kinematics& parts, const Double* torque,
                   State& state);
 
-  // What an impulse adds to the velocities, (kVelocities,). torso: the impulse as the torso feels it
-  // directly, negative, in its frame. leg, joints: it acts beyond that many joints of that leg, with
-  // the generalised impulses `hip` and `ankle` on them.
-  void respond(const Body<Double>& body, const Kinematics& parts, Spatial torso, int leg, int joints,
-               Double hip, Double ankle, Double* out) const;
+  // What an impulse adds to the velocities, (kVelocities,). torso: the impulse as the torso feels
+  // it directly, negative, in its frame. leg, joints: it acts beyond that many joints of that leg,
+  // with the generalised impulses on_hip and on_ankle.
+  void respond(const Body<Double>& body, const Kinematics& parts, Spatial torso, int leg,
+               int joints, Double on_hip, Double on_ankle, Double* out) const;
 
   // Rotations of the current pose, from a frame to the next one farther out.
   Matrix base;            // world to torso
@@ -272,7 +272,8 @@ inline void Articulated::accelerate(const Body<Double>& body, const Kinematics& 
   const Spatial at_torso = solve(force);
   for (int leg = 0; leg < kLegs; ++leg) {
     const int a = 2 * leg, b = a + 1;
-    const Vector at_top = minus_cross_flat(body.legs[leg][kTop].arm, at_torso.top) + at_torso.bottom;
+    const Vector at_top =
+        minus_cross_flat(body.legs[leg][kTop].arm, at_torso.top) + at_torso.bottom;
     Spatial link;
     link.top = hip[leg] * at_torso.top;
     link.bottom = minus_cross_flat(parts.joint_arm[a], link.top) + hip[leg] * at_top;

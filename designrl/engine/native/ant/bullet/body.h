@@ -52,7 +52,7 @@ inline Part<double> make_capsule(double dx, double dy, double radius) {
   part.mass = kDensity * (4.0 / 3.0 * kPi * r * r * r + kPi * r * r * height);
 
   // btConvexInternalAabbCachingShape: a box around the two spheres, found from the support points
-  // without margin, with a margin around them and another around the box; then that of the compound.
+  // without margin, with a margin around them and another around the box; then the compound's.
   double low[3], high[3], arm[3];
   for (int i = 0; i < 3; ++i) {
     arm[i] = 0.5 * end[i];

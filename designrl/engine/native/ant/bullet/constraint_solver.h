@@ -7,8 +7,8 @@
 
 namespace ENGINE::ant {
 
-// Joints in the order of their limits: Bullet sorts the constraints by their island, all of which are
-// equal here, with a quicksort that keeps no order among equals.
+// Joints in the order of their limits: Bullet sorts the constraints by their island, which is one
+// and the same here, with a quicksort that keeps no order among equals.
 constexpr int kLimitOrder[kJoints] = {2, 3, 0, 1, 6, 7, 4, 5};
 
 class ConstraintSolver {
@@ -63,7 +63,7 @@ class ConstraintSolver {
     }
   }
 
-  // Returns the largest residual, the square of a change in velocity, or 0 where nobody asks for it.
+  // Returns the largest residual, the square of a change in velocity; 0 where nobody asks for it.
   template <bool kResiduals>
   ENGINE_INLINE Double sweep(int iteration, DoubleMask active, Double* change) {
     const Double zero = {};

@@ -120,7 +120,8 @@ ENGINE_INLINE void make_contact_row(const Body<Double>& body, const State& state
 inline bool make_limit(const Body<Double>& body, const State& state, const Kinematics& parts,
                        const Articulated& articulated, int joint, LimitSlot& slot) {
   const Double zero = {};
-  const Double above = state.angle[joint] - kLower[joint], below = kUpper[joint] - state.angle[joint];
+  const Double above = state.angle[joint] - kLower[joint];
+  const Double below = kUpper[joint] - state.angle[joint];
   const DoubleMask low = at_most(above, zero), high = at_most(below, zero);
   slot.used = either(low, high);
   slot.any_used = any(slot.used);

@@ -1,8 +1,8 @@
 // Where the parts are: from the torso's pose and the joints' angles to every part's pose
 // (btMultiBody::updateCacheMultiDof, updateCollisionObjectWorldTransforms).
 //
-// Fixed links fold away: their rotations are exact identities. A joint's own link sits at the end of
-// the part before it.
+// Fixed links fold away: their rotations are exact identities. A joint's own link sits at the end
+// of the part before it.
 #pragma once
 
 #include "ant/bullet/body.h"
@@ -19,9 +19,9 @@ struct State {
 
 struct Kinematics {
   Quaternion joint_rotation[kJoints];  // from the parent's frame to the child's
-  Vector joint_arm[kJoints];           // m, parent's centre of mass to the joint, in the child's frame
+  Vector joint_arm[kJoints];           // m, parent's centre of mass to joint, in the child's frame
   Vector origin[kLegs][kLegParts];     // m, the parts' centres of mass
-  Matrix torso;                        // rotations to the world's frame: of the torso and top parts,
+  Matrix torso;                        // rotations to the world's frame: of torso and top parts,
   Matrix moving[kJoints];              // of the parts that hang on the joints
 
   void update(const Body<Double>& body, const State& state) {

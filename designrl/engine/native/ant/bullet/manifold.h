@@ -46,8 +46,8 @@ class Points {
     }
   }
 
-  // btManifoldResult::addContactPoint: a point on the part's surface, in the world's frame. It takes
-  // the place of a cached one that is near, else of the one that can best be done without.
+  // btManifoldResult::addContactPoint: a point on the part's surface, in the world's frame. It
+  // takes the place of a cached one that is near, or of one that can be done without.
   void add(const Vec3<double>& at) {
     const Vec3<double> local_at = pose_.inverse(at);
     int place = find_near(local_at);

@@ -1,4 +1,4 @@
-// Numbers of Bullet 3.25, as PyBullet 3.2.7 contains it, in double precision.
+// Numbers of Bullet 3, as PyBullet 3.2.7 contains it, in double precision.
 #pragma once
 
 #include "common/isa.h"
@@ -15,15 +15,15 @@ constexpr double kMaxTurn = 0.5 * 1.5707963267948966;  // rad per substep, ANGUL
 
 // Collision
 constexpr double kMargin = 0.04;         // m, CONVEX_DISTANCE_MARGIN
-constexpr double kBreakingShare = 0.02;  // gContactBreakingThreshold, of a shape's angular motion disc
+constexpr double kBreakingShare = 0.02;  // gContactBreakingThreshold, of a shape's motion disc
 constexpr int kMaxPoints = 4;            // of a manifold, MANIFOLD_CACHE_SIZE
 
 // btMultiBodyConstraintSolver and btContactSolverInfo
-constexpr double kSlop = 1e-5;             // m added to a contact's distance, minus m_linearSlop
-constexpr double kLimitErp = 0.2;          // m_erp, of joint limits
-constexpr double kShallow = -0.04f;        // rad, m_splitImpulsePenetrationThreshold
+constexpr double kSlop = 1e-5;              // m added to a contact's distance, m_linearSlop
+constexpr double kLimitErp = 0.2;           // m_erp, of joint limits
+constexpr double kShallow = -0.04f;         // rad, m_splitImpulsePenetrationThreshold
 constexpr double kMaxLimitImpulse = 100.0;  // btMultiBodyConstraint::m_maxAppliedImpulse
 constexpr double kMaxNormalImpulse = 1e10f;
-constexpr double kResidual = 1e-7;         // m_leastSquaresResidualThreshold
+constexpr double kResidual = 1e-7;          // m_leastSquaresResidualThreshold
 
 }  // namespace ENGINE::ant
