@@ -2,8 +2,8 @@
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from designrl.bodies import Body
 from designrl.bodies.ant import ANT
@@ -69,7 +69,7 @@ class Experiment:
         network: the policy, as the paper's text gives it.
         learns_design: the body's dimensions are learned with the policy.
         paper: the paper's settings (section 4), by the names of `TrainSettings`.
-        zoo: the settings of our published runs, likewise.
+        zoo: our recipe, one for every seed, likewise; no published run has it yet.
         training_kwargs: keywords of the environment that hold in training alone.
         shaping: what the published code changes of the rewards in training; None: nothing.
         other_networks: that its agents may have, too.
@@ -121,8 +121,8 @@ ANT_NETWORK = Network((29, 64, 32, 8), time_scale=1000.0, noise=True)
 # The published original ant has wider layers and no output activation, unlike the paper's text.
 PUBLISHED_ANT_NETWORK = Network((29, 140, 40, 8), "linear", time_scale=1000.0, noise=True)
 
-# What all our runs have in common: fewer episodes a generation than the paper's 192 × 16, a
-# learning rate that falls, and the distribution's mean as the agent (docs/studies.md says why).
+# What our recipes have in common: fewer episodes a generation than the paper's 192 × 16, a
+# learning rate that falls, and the distribution's mean as the agent.
 _ZOO = {
     "learning_rate_decay": 0.9995,
     "learning_rate_floor": 0.002,
@@ -132,45 +132,53 @@ _ZOO = {
 }
 
 
-def _published(name: str, letter: str, title: str) -> Experiment:
-    """One of the paper's experiments; its name says all that is in it."""
-    make = partial(Experiment, name, letter, title, learns_design="morphology" in name)
-    if name.startswith("ant"):
-        return make(
-            "designrl/Ant-v0",
-            ANT,
-            ANT_NETWORK,
-            paper={"generations": 3000},
-            zoo={"generations": 3000, "rollouts": 2, **_ZOO},
-            other_networks=(PUBLISHED_ANT_NETWORK,) if name == "ant" else (),
-        )
-    hardcore = "hardcore" in name
-    paper = {"generations": 10000 if hardcore else 5000, "shaped_rewards": True}
-    return make(
-        f"designrl/BipedalWalker{'Hardcore' if hardcore else ''}-v0",
-        WALKER,
-        WALKER_NETWORK,
-        paper=paper,
-        zoo={**paper, "generations": 2500 if hardcore else 600, "rollouts": 4, **_ZOO},
-        training_kwargs={"leg_area_reward": True} if "smaller-leg" in name else {},
-        shaping=Shaping(),
+def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
+    return Experiment(
+        *(name, letter, title, "designrl/Ant-v0", ANT, ANT_NETWORK, learns_design),
+        paper={"generations": 3000},
+        zoo={"generations": 3000, "rollouts": 2, **_ZOO},
+        **kwargs,
     )
 
 
+def _walker(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
+    env_id, paper = "designrl/BipedalWalker-v0", {"generations": 5000, "shaped_rewards": True}
+    zoo = {**paper, "generations": 600, "rollouts": 4, **_ZOO}
+    return Experiment(
+        *(name, letter, title, env_id, WALKER, WALKER_NETWORK, learns_design),
+        **{"paper": paper, "zoo": zoo, "shaping": Shaping(), **kwargs},
+    )
+
+
+def _hardcore(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
+    flat = _walker(name, letter, title, learns_design, **kwargs)
+    return replace(
+        flat,
+        env_id="designrl/BipedalWalkerHardcore-v0",
+        paper={**flat.paper, "generations": 10000},
+        zoo={**flat.zoo, "generations": 2500},
+    )
+
+
+_SMALLER_LEG = {"training_kwargs": {"leg_area_reward": True}}
+
 EXPERIMENTS: dict[str, Experiment] = {
-    name: _published(name, letter, title)
-    for name, letter, title in (
-        ("ant", "a", "Ant"),
-        ("ant-morphology", "b", "Ant + Morphology"),
-        ("biped", "c", "Biped"),
-        ("biped-morphology", "d", "Biped + Morphology"),
-        ("biped-morphology-smaller-leg", "e", "Biped + Morphology + Smaller Leg"),
-        ("biped-hardcore", "f", "Biped Hardcore"),
-        ("biped-hardcore-morphology", "g", "Biped Hardcore + Morphology"),
-        (
+    experiment.name: experiment
+    for experiment in (
+        _ant("ant", "a", "Ant", False, other_networks=(PUBLISHED_ANT_NETWORK,)),
+        _ant("ant-morphology", "b", "Ant + Morphology", True),
+        _walker("biped", "c", "Biped", False),
+        _walker("biped-morphology", "d", "Biped + Morphology", True),
+        _walker(
+            *("biped-morphology-smaller-leg", "e", "Biped + Morphology + Smaller Leg", True),
+            **_SMALLER_LEG,
+        ),
+        _hardcore("biped-hardcore", "f", "Biped Hardcore", False),
+        _hardcore("biped-hardcore-morphology", "g", "Biped Hardcore + Morphology", True),
+        _hardcore(
             "biped-hardcore-morphology-smaller-leg",
-            "h",
-            "Biped Hardcore + Morphology + Smaller Leg",
+            *("h", "Biped Hardcore + Morphology + Smaller Leg", True),
+            **_SMALLER_LEG,
         ),
     )
 }

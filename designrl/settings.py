@@ -102,8 +102,8 @@ class TrainSettings(ReinforceSettings):
         """The settings of an experiment's recipe, with some changed.
 
         Args:
-            recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": what our
-                published runs have; "plain": the paper's numbers and equations 3 to 5 as written.
+            recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": our
+                recipe, one for every seed; "plain": the paper's numbers and equations 3 to 5 as written.
 
         Raises:
             InputError: unknown experiment or recipe, or a value out of its range.
@@ -126,7 +126,9 @@ class TrainSettings(ReinforceSettings):
         if self.evaluation_episodes is not None:
             self._check("evaluation_episodes", 1)
         self._check("weight_decay", 0, 10_000)
-        self._check("learning_rate_floor", 0, 10)
+        for name in ("learning_rate_floor", "sigma_floor", "sigma_change_max"):
+            self._check(name, 0, 10)
+        self._check("sigma_learning_rate", 0, 1000)
         for name in ("sigma_start", "sigma_decay", "learning_rate", "learning_rate_decay"):
             self._check(name, 0, 10, above=True)
         for episodes, what in (

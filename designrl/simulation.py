@@ -119,7 +119,7 @@ class Simulator(AbstractContextManager):
         if backend == "engine":
             if envs.engine_task(self.experiment.env_id, **env_kwargs) is None:
                 backend = "reference"
-            elif reason := engine_reason(self.experiment):
+            elif reason := engine_reason(self.experiment, self.network):
                 print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
                 backend = "reference"
         self.backend = backend
@@ -282,9 +282,13 @@ def run_episode(
     return total, steps
 
 
-def engine_reason(experiment: Experiment) -> str | None:
+def engine_reason(experiment: Experiment, network: Network) -> str | None:
     """Why the engine cannot run an experiment here, as a clause; None if it can."""
     reason = engine.missing_reason()
+    if not reason and max(network.sizes) > engine.widest_layer():
+        reason = f"the compiled engine has layers of at most {engine.widest_layer()} values"
+    if not reason and experiment.shaping not in (None, Shaping()):
+        reason = "the compiled engine has the published code's shaped rewards alone"
     if reason or experiment.env_id not in envs.ENGINE_ON_TRIAL:
         return reason
     if experiment.env_id not in _trials:
@@ -314,7 +318,7 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
     Args:
         options: `threads`, `progress` and others of `designrl.engine.rollout`.
     """
-    if engine_reason(episodes.experiment):
+    if engine_reason(episodes.experiment, episodes.network):
         return run_reference(episodes, candidates, seeds)
     return _run_engine(episodes, candidates, seeds, **options)
 

@@ -119,7 +119,7 @@ class TrainingRun:
             self._load_state()
         elif self._state_path.exists():
             raise InputError(
-                f"{self.out} holds another run; add --resume to go on with it, or choose another "
+                f"{self.out} already holds a run; add --resume to go on with it, or choose another "
                 "folder with --out"
             )
         elif any((self.out / name).exists() for name in RESULTS):

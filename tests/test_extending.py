@@ -1,9 +1,10 @@
 """The body, the experiment and the optimiser of docs/extending.md, in all parts of the house."""
 
-from pathlib import Path
+from pathlib import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
+import Path
 import pytest
 from test_docs import ROOT, blocks
 
@@ -81,6 +82,15 @@ def test_a_ninth_experiment_on_the_walker_has_the_engine_and_its_bits_and_trains
     small = {"generations": 2, "population": 4, "rollouts": 1, "evaluation_episodes": 1}
     TrainingRun(TrainSettings.of(NINTH, shaped_rewards=True, **small), tmp_path).run()
     assert designrl.load(tmp_path / "best.safetensors").network.sizes == (24, 10, 4)
+
+
+@pytest.mark.parametrize(
+    "change", [{"network": Network((24, 300, 4))}, {"shaping": Shaping(solved_return=-1e3)}]
+)
+def test_what_the_engine_does_not_have_runs_on_the_reference(change, capsys):
+    with Simulator(dataclasses.replace(NINTH, **change), "engine") as simulator:
+        assert simulator.backend == "reference"
+    assert "using the reference environment" in capsys.readouterr().err
 
 
 def test_an_optimiser_of_ones_own_trains_and_resumes_to_the_same_bytes(page, tmp_path):

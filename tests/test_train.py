@@ -173,7 +173,7 @@ def cut_state(folder):
 @pytest.mark.parametrize(
     ("spoil", "changes", "words"),
     [
-        (None, {"resume": False}, "holds another run"),
+        (None, {"resume": False}, "already holds a run"),
         (None, {"population": 6}, "population = 4, not 6"),
         (None, {"experiment": "biped"}, "experiment = 'biped-morphology', not 'biped'"),
         (None, {"learning_rate": 0.02, "generations": 9}, "learning_rate = 0.01, not 0.02"),
@@ -206,7 +206,7 @@ def test_two_runs_cannot_share_a_folder(tmp_path):
         second.run()
     first.run()
     before = file_hash(tmp_path / "state.safetensors")
-    with pytest.raises(InputError, match="holds another run"):
+    with pytest.raises(InputError, match="already holds a run"):
         second.run()
     assert file_hash(tmp_path / "state.safetensors") == before
 

@@ -107,6 +107,11 @@ def missing_reason() -> str | None:
     return library if isinstance(library, str) else None
 
 
+def widest_layer() -> int:
+    """How many values a layer of the policy may have."""
+    return _library().designrl_policy_widest()
+
+
 def instruction_sets() -> list[str]:
     """Those that this processor has; empty where the engine cannot run."""
     library = _load()
@@ -294,7 +299,7 @@ def _find(task: Task) -> tuple[int, int, int, int]:
 
 def _checked_sizes(sizes: tuple[int, ...]) -> np.ndarray:
     """The layers' sizes as the library takes them."""
-    widest = _library().designrl_policy_widest()
+    widest = widest_layer()
     if len(sizes) < 2 or min(sizes) < 1 or max(sizes) > widest:
         raise InputError(
             f"the compiled policy takes layers of 1 to {widest} values, not {tuple(sizes)}"
