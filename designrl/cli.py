@@ -201,8 +201,8 @@ def parser() -> argparse.ArgumentParser:
     train.add_argument(
         "--recipe",
         default="paper",
-        help=f"settings to start from: {', '.join(RECIPES)} or plain (default: paper); zoo is ours, "
-        "one for every seed, plain has the paper's equations as written",
+        help=f"settings to start from: {', '.join(RECIPES)} or plain (default: paper); zoo is "
+        "ours, one for every seed, plain has the paper's equations as written",
     )
     for setting in dataclasses.fields(TrainSettings):
         if setting.name == "experiment":

@@ -102,8 +102,8 @@ class TrainSettings(ReinforceSettings):
         """The settings of an experiment's recipe, with some changed.
 
         Args:
-            recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": our
-                recipe, one for every seed; "plain": the paper's numbers and equations 3 to 5 as written.
+            recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": ours,
+                one for every seed; "plain": the paper's numbers and equations 3 to 5 as written.
 
         Raises:
             InputError: unknown experiment or recipe, or a value out of its range.

@@ -1,10 +1,10 @@
 """The body, the experiment and the optimiser of docs/extending.md, in all parts of the house."""
 
-from pathlib import dataclasses
+import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import Path
 import pytest
 from test_docs import ROOT, blocks
 
