@@ -203,7 +203,7 @@ class Simulator(AbstractContextManager):
         else:  # the engine has threads of its own, and tells its progress
             function = partial(run_engine, episodes, threads=self.workers, progress=progress)
             places, progress = [(slice(0, n), slice(0, r))], None
-        returns, steps = np.empty((n, r)), np.empty((n, r), dtype=np.int64)
+        returns, steps = np.full((n, r), np.nan), np.zeros((n, r), dtype=np.int64)
         while places:
             tasks = [(rows, seeds[rows, columns]) for rows, columns in places]
             longest = START_SECONDS + EPISODE_SECONDS * max(piece.size for _, piece in tasks)

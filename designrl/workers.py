@@ -118,9 +118,11 @@ class ProcessWorkers:
                     rows, *arguments = tasks[waiting[0]]
                     work = seconds, function, candidates[rows], *arguments
                     try:
-                        running[pool.submit(_in_time, *work)] = waiting.popleft(), pool
-                    except BrokenProcessPool:  # it died while it was idle
+                        future = pool.submit(_in_time, *work)
+                    except BrokenProcessPool:  # it died while it was idle; the task still waits
                         del self._pools[pool]
+                    else:
+                        running[future] = waiting.popleft(), pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     index, pool = running.pop(future)
                     culprit = index

@@ -189,7 +189,8 @@ def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):
     assert "not the reference's to the bit" in said
     assert len(said.splitlines()) == 1
     monkeypatch.undo()
-    assert simulation.engine_reason(get_experiment("ant")) is None
+    experiment = get_experiment("ant")
+    assert simulation.engine_reason(experiment, experiment.network) is None
 
 
 def test_workers_without_the_engine_use_the_reference(monkeypatch):

@@ -119,11 +119,14 @@ def test_a_task_is_done_again_and_named_where_it_fails_each_time(what, pool, tmp
     assert capsys.readouterr().err.count("\n") == 2
 
 
-def test_workers_that_were_killed_while_idle_are_replaced(pool):
+@pytest.mark.parametrize("noticed", [False, True])
+def test_workers_that_were_killed_while_idle_are_replaced_and_no_task_is_lost(pool, noticed):
     for _ in range(2):
         assert dict(pool.run(np.sum, CANDIDATES, TASKS, 60)) == dict(enumerate(range(6)))
         for process in multiprocessing.active_children():
             process.kill()
+        if noticed:  # the pools know before they get the next task
+            time.sleep(0.5)
 
 
 def test_a_script_without_a_guard_is_told_so(tmp_path):
