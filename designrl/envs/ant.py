@@ -41,7 +41,7 @@ def _flush_c() -> None:
 
 @contextlib.contextmanager
 def _silence():
-    """Keep what PyBullet's C code prints (its build time, argv[0]) off the terminal."""
+    """Keep what PyBullet prints when it is loaded, its build time, off the terminal."""
     try:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
@@ -334,7 +334,7 @@ class Ant(gymnasium.Env, EzPickle):
     # ------------------------------------------------------------------------------ the world
 
     def _connect(self) -> None:
-        with _silence(), contextlib.suppress(pybullet.error):
+        with contextlib.suppress(pybullet.error):
             self._client = pybullet.connect(pybullet.DIRECT)
         if self._client < 0:
             raise InputError(
