@@ -8,6 +8,7 @@ import shlex
 import signal
 import sys
 import typing
+from contextlib import suppress
 from pathlib import Path
 
 from designrl.errors import InputError
@@ -16,7 +17,7 @@ from designrl.files import read_limited
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
-EXIT_INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
+EXIT_INTERRUPTED, EXIT_PIPE = 130, 141  # as a shell reports what SIGINT or SIGPIPE ended
 
 
 def available_cores() -> int:
@@ -274,11 +275,14 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     try:
         args.function(args)
+        sys.stdout.flush()
     except InputError as error:
         print(f"designrl: {_printable(str(error))}", file=sys.stderr)
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        sys.stderr.close()  # `designrl ... | head`: the reader has left
-        sys.exit(0)
+    except BrokenPipeError:  # `designrl ... | head`: the reader has left
+        for stream in (sys.stdout, sys.stderr):  # Python flushes them once more
+            with suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        sys.exit(EXIT_PIPE)

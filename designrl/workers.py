@@ -153,9 +153,17 @@ class ProcessWorkers:
     def _start(self) -> ProcessPoolExecutor:
         if not self._pools:
             self._theirs, self._lifeline = self._context.Pipe(duplex=False)
-        pool = ProcessPoolExecutor(1, self._context, _begin, (self._theirs,))
-        self._pools[pool] = pool.submit(int)
-        return pool
+        for wait_seconds in (0.1, 1.0, None):
+            pool = ProcessPoolExecutor(1, self._context, _begin, (self._theirs,))
+            try:
+                self._pools[pool] = pool.submit(int)
+                return pool
+            except OSError as error:  # such as where the process that forks them has just died
+                if wait_seconds is None:
+                    raise InputError(
+                        f"the worker processes do not start ({error.strerror}); use fewer workers"
+                    ) from None
+                time.sleep(wait_seconds)
 
     def close(self) -> None:
         """End the processes, whatever they do."""

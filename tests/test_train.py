@@ -1,9 +1,11 @@
 import dataclasses
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -198,6 +200,115 @@ def test_a_run_that_cannot_be_gone_on_with_is_left_alone(
     with pytest.raises(InputError, match=words):
         train(folder, **{"resume": True, **changes})
     assert {path: file_hash(path) for path in folder.rglob("*") if path.is_file()} == before
+
+
+def swap(name, make):
+    """What puts something else in the place of a file or folder of a run."""
+
+    def spoil(folder):
+        path = folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        make(path)
+
+    return spoil
+
+
+@pytest.mark.parametrize("name", [".lock", "best.safetensors", "generations.mcap", "rollouts"])
+@pytest.mark.parametrize("make", ["link", "fifo", "folder"])
+def test_a_runs_folder_does_not_lead_elsewhere(undisturbed, tmp_path, name, make):
+    folder, elsewhere = shutil.copytree(undisturbed, tmp_path / "run"), tmp_path / "elsewhere"
+    if name == "rollouts":
+        elsewhere.mkdir()
+        before = elsewhere / ".new-generation00005.mcap-0123456789abcdef"
+        before.write_text("precious")
+        make = {"folder": "file"}.get(make, make)
+    else:
+        before = elsewhere
+        elsewhere.write_text("precious")
+    how = {"link": lambda path: path.symlink_to(elsewhere), "fifo": os.mkfifo}
+    swap(name, {**how, "folder": os.mkdir, "file": Path.touch}[make])(folder)
+    with pytest.raises(InputError, match=f"{name} is not a plain fi|rollouts is not a plain fo"):
+        train(folder, resume=True, generations=6)
+    assert before.read_text() == "precious"
+
+
+def test_only_what_a_kill_has_left_is_removed(undisturbed, tmp_path):
+    folder = shutil.copytree(undisturbed, tmp_path / "run")
+    left = ["best.safetensors", "state.safetensors", "generations.mcap"]
+    left += ["rollouts/generation00005.mcap"]
+    left = [Path(name).parent / f".new-{Path(name).name}-0123456789abcdef" for name in left]
+    mine = [Path(".new-notes"), Path("rollouts/.new-other.mcap-0123456789abcdef")]
+    for name in left + mine:
+        (folder / name).touch()
+    (folder / ".new-x").mkdir()
+    train(folder, resume=True, generations=6)
+    assert [name for name in left + mine if (folder / name).exists()] == mine
+    assert (folder / ".new-x").is_dir()
+
+
+def lose_ground(change, monkeypatch):
+    """Do something in the middle of a run."""
+    left, original = iter([lambda: None] * 2 + [change]), Simulator.rollout
+
+    def rollout(self, *args, **kwargs):
+        next(left, lambda: None)()
+        return original(self, *args, **kwargs)
+
+    monkeypatch.setattr(Simulator, "rollout", rollout)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda run: run.rename(run.with_name("other")),
+            "run(/generations.mcap)? was removed, renamed",
+        ),
+        (shutil.rmtree, "run(/generations.mcap)? was removed, renamed"),
+        (lambda run: (run / "generations.mcap").unlink(), "generations.mcap was removed"),
+        (
+            lambda run: shutil.copy(run / "state.safetensors", run / "x").replace(
+                run / "generations.mcap"
+            ),
+            "generations.mcap was removed, renamed or replaced",
+        ),
+    ],
+)
+def test_a_run_that_loses_its_ground_says_so(change, words, tmp_path, monkeypatch):
+    lose_ground(lambda: change(tmp_path / "run"), monkeypatch)
+    with pytest.raises(InputError, match=words):
+        train(tmp_path / "run")
+    left = {path.name for path in (tmp_path / "run").glob("*")}
+    assert "best.safetensors" not in left or "state.safetensors" in left
+
+
+@pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap"])
+def test_a_file_of_another_run_is_not_gone_on_with(undisturbed, tmp_path, name):
+    folder = shutil.copytree(undisturbed, tmp_path / "run")
+    train(tmp_path / "other", seed=1)
+    shutil.copy(tmp_path / "other" / name, folder / name)
+    before = file_hash(folder / name)
+    with pytest.raises(InputError, match=f"{name} is (not what this run kept|of a run with)"):
+        train(folder, resume=True, generations=6)
+    assert file_hash(folder / name) == before
+    [rollout, *_] = (folder / "rollouts").iterdir()
+    shutil.copy(rollout, folder / "generations.mcap")
+    shutil.copy(undisturbed / "best.safetensors", folder)
+    with pytest.raises(InputError, match="is not a recording of a training run"):
+        train(folder, resume=True, generations=6)
+
+
+def test_a_reader_that_leaves_ends_a_run_that_saves_and_fails(tmp_path):
+    command = [sys.executable, "-m", "designrl", "train", "biped", "--out", str(tmp_path)]
+    command += ["--population", "2", "--rollouts", "1", "--evaluation-episodes", "1"]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(command, **streams) as process:
+        process.stdout.read(60)
+        process.stdout.close()
+        assert process.wait(120) == 141
+    _, metadata = read_tensors(tmp_path / "state.safetensors", STATE_FORMAT)
+    recorded = read(tmp_path / "generations.mcap").generations
+    assert recorded.tolist() == list(range(metadata["progress"]["generation"]))
 
 
 def test_two_runs_cannot_share_a_folder(tmp_path):
