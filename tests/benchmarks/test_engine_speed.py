@@ -65,7 +65,7 @@ def compiled(threads):
 
 def envpool():
     """EnvPool's C++ walker under random actions, in one thread."""
-    reason = "EnvPool is not installed: pip install envpool==1.2.5"
+    reason = "EnvPool is not installed: pip install -c requirements-extras.lock envpool"
     module = pytest.importorskip("envpool", reason=reason)
     walkers, steps = 16, 400
     env = module.make(
