@@ -1,6 +1,7 @@
 """Reads damaged and hostile files: checkpoints, 2018 weights, training states, recordings.
 
-    python tests/fuzz.py                          100,000 files; exit code 1 if anything is wrong
+    python tests/fuzz.py                          100,000 files and those of
+                                                  hostile.py; exit code 1 if anything is wrong
     python tests/fuzz.py --files 5000 --seed 3
 
 Each file is read as far as the library can, or refused with one sentence (InputError) that names
@@ -34,6 +35,7 @@ from mcap.records import Chunk
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from hostile import FILES, check  # noqa: E402
 from test_recording import write_run  # noqa: E402
 
 from designrl import checkpoint  # noqa: E402
@@ -320,6 +322,12 @@ def main() -> int:
             print(kind, "read" if read_file(Path(name), kind, data) else "refused")
             return 0
     counts, wrong = Counter(), []
+    with tempfile.TemporaryDirectory(prefix="designrl-") as name:
+        for what in FILES:
+            try:
+                check(Path(name), what)
+            except AssertionError as error:
+                wrong.append(str(error))
     starts = range(0, options.files, BATCH)
     batches = [range(start, min(start + BATCH, options.files)) for start in starts]
     # A fresh process for each batch: what one file leaves behind must not hide what another does.

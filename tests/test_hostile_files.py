@@ -9,6 +9,7 @@ from pathlib import Path
 import lz4.frame
 import pytest
 import zstandard
+from hostile import FILES, check
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Chunk
@@ -80,6 +81,11 @@ def test_a_bomb_does_not_go_off(records, problem, tmp_path):
     with pytest.raises(InputError, match=problem):  # it holds nothing else
         describe(path)
     assert time.process_time() - begin < 20
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_costs_no_more_than_its_size(name, tmp_path):
+    check(tmp_path, name)
 
 
 @pytest.mark.parametrize("names", ["{", '"ab"', "[1]", "[" * 100_000])

@@ -32,6 +32,8 @@ _DTYPES = {
     FieldDescriptor.TYPE_UINT64: np.uint64,
     FieldDescriptor.TYPE_BOOL: np.bool_,
 }
+# Ours have up to 13 parts, and 13,000 places of them.
+MAX_PARTS, MAX_PLACES, MAX_NAME = 256, 500_000, 256
 _KINDS = {
     RUN: "recording of a training run",
     ROLLOUT: "recording of a rollout",
@@ -183,10 +185,19 @@ class Recording(Scan):
         """Part -> the part it hangs on, (T, 3) positions in m and (T, 4) quaternions x, y, z, w.
 
         Both as seen from the part it hangs on; all have the times of /tf.
+
+        Raises:
+            RecordingError: there is no /tf, or it holds something else, or more than a body has.
         """
         found: dict[str, tuple[str, list]] = {}
+        places = 0
         for message in self.messages("/tf"):
+            places += len(message.transforms) if isinstance(message, FrameTransforms) else np.inf
+            if places > MAX_PLACES:
+                raise self._damaged("/tf")
             for t in message.transforms:
+                if len(found) > MAX_PARTS or len(t.child_frame_id) > MAX_NAME:
+                    raise self._damaged("/tf")
                 p, q = t.translation, t.rotation
                 _, rows = found.setdefault(t.child_frame_id, (t.parent_frame_id, []))
                 rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
