@@ -11,7 +11,7 @@ import typing
 from contextlib import suppress
 from pathlib import Path
 
-from designrl.errors import InputError
+from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import read_limited
 from designrl.settings import MAX_EPISODES, TrainSettings, option
@@ -59,7 +59,8 @@ def _train(args) -> None:
     run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
     if run.finished:
         done = run.progress.generation
-        print(f"{out} has {done} generations; give --generations more than that to go on")
+        said = f"{out} has {done} generations; give --generations more than that to go on"
+        print(printable(said))
         return
     if args.dry_run:
         from designrl.plan import dry_run
@@ -69,8 +70,7 @@ def _train(args) -> None:
     if args.resume and not run.progress.generation:
         others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
         others = f" ({out.parent} has {others})" if others else ""
-        said = f"{out} holds no generations to go on with; this is a new run{others}"
-        print(said, file=sys.stderr)
+        remark(f"{out} holds no generations to go on with; this is a new run{others}")
     for polite in (signal.SIGTERM, signal.SIGHUP):  # they save, too
         signal.signal(polite, signal.default_int_handler)
     try:
@@ -79,17 +79,16 @@ def _train(args) -> None:
         words = [word for word in sys.argv[1:] if word != "--resume"]
         generation = run.progress.generation
         saved = f"saved in {out}" if generation else "nothing to save yet"
-        print(
-            f"\nstopped at generation {generation}, {saved}; go on with:\n"
-            f"  designrl {shlex.join(words)} --resume",
-            file=sys.stderr,
-        )
+        print(file=sys.stderr)
+        remark(f"stopped at generation {generation}, {saved}; go on with:")
+        remark(f"  designrl {shlex.join(words)} --resume")
         sys.exit(EXIT_INTERRUPTED)
     p = run.progress
-    print(
+    done = (
         f"{out}/best.safetensors: {p.best_score:.1f} at generation {p.best_generation}, "
         f"{p.total_steps:,} environment steps, {p.cpu_seconds / 3600:.2f} core-hours"
     )
+    print(printable(done))
 
 
 def _evaluate(args) -> None:
@@ -125,11 +124,11 @@ def _import(args) -> None:
 
     _require_new(args.output)
     save(load_published(args.file, get_experiment(args.experiment)), args.output)
-    print(f"{args.output} written")
+    print(printable(f"{args.output} written"))
 
 
 def _require_new(path: str) -> None:
-    if Path(path).exists():
+    if os.path.lexists(path):  # a link that leads nowhere is something, too
         raise InputError(f"{path} exists already; remove it or choose another name")
 
 
@@ -146,7 +145,8 @@ def _record(args) -> None:
     check_episodes(args.episode + 1, args.seed)
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     score = record_rollout(load(args.file, args.experiment), args.output, seed)
-    print(f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}")
+    said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
+    print(printable(said))
 
 
 def _replay(args) -> None:
@@ -154,7 +154,7 @@ def _replay(args) -> None:
 
     replay(args.files, save=args.save, screenshot=args.headless_screenshot)
     for path in filter(None, (args.save, args.headless_screenshot)):
-        print(f"{path} written")
+        print(printable(f"{path} written"))
 
 
 def _info(args) -> None:
@@ -164,12 +164,7 @@ def _info(args) -> None:
         from designrl.recording import describe
     else:
         from designrl.checkpoint import describe
-    print("\n".join(map(_printable, describe(args.file).split("\n"))))
-
-
-def _printable(text: str) -> str:
-    """Text from a stranger's file, without what would command the terminal."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    print(describe(args.file))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -277,7 +272,7 @@ def main(argv: list[str] | None = None) -> None:
         args.function(args)
         sys.stdout.flush()
     except InputError as error:
-        print(f"designrl: {_printable(str(error))}", file=sys.stderr)
+        remark(f"designrl: {error}")
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

@@ -360,7 +360,8 @@ class TrainingRun:
                     )
             progress = _Progress(**metadata["progress"])
             numbers = [value for value in vars(progress).values() if value is not None]
-            if progress.generation < 0 or not all(map(math.isfinite, numbers)):
+            whole = isinstance(progress.generation, int) and isinstance(progress.total_steps, int)
+            if not whole or progress.generation < 0 or not all(map(math.isfinite, numbers)):
                 raise damaged
         except (AttributeError, KeyError, TypeError, OverflowError):
             raise damaged from None

@@ -235,16 +235,17 @@ class RayWorkers:
         if address not in ("local", "auto") and "://" not in address:
             _check_reachable(address)  # Ray itself would try for minutes
         polite_kill = signal.getsignal(signal.SIGTERM)
-        where = {"include_dashboard": False} if address == "local" else {"address": address}
+        # Without an address, Ray would join a cluster that runs on this machine, or did.
+        alone = {"include_dashboard": False} if address == "local" else {}
         try:
-            ray.init(**where, log_to_driver=False, logging_level="ERROR")
+            ray.init(address, **alone, log_to_driver=False, logging_level="ERROR")
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise InputError(f"no Ray cluster at {address} ({_one_line(error)})") from None
         finally:
             if threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGTERM, polite_kill)  # Ray has put its own in place
-        here = ipaddress.ip_address(ray.util.get_node_ip_address())
-        if address == "local" and not here.is_loopback:
+        here = ray.util.get_node_ip_address()
+        if address == "local" and not ipaddress.ip_address(here).is_loopback:
             ray.shutdown()
             raise InputError(
                 "Ray was imported before and would listen on every interface; let designrl import "

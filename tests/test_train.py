@@ -1,4 +1,5 @@
 import dataclasses
+import json
 import os
 import shutil
 import signal
@@ -18,7 +19,7 @@ from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.recording import read
 from designrl.reinforce import Reinforce
-from designrl.settings import TrainSettings
+from designrl.settings import ReinforceSettings, TrainSettings
 from designrl.simulation import Simulator
 from designrl.train import TrainingRun
 
@@ -388,6 +389,31 @@ def test_wrong_settings_are_refused():
     for wrong in ({"generations": 0}, {"seed": -1}, {"keep": "x"}, {"rollouts": 0}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} is"):
             settings(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("generations", ["5", 5.0, True, None], "a whole number"),
+        ("seed", [1.5, "1"], "a whole number"),
+        ("evaluation_episodes", [2.5], "a whole number"),
+        ("learning_rate", ["0.1", None, [0.1]], "a number"),
+        ("adam", [1, "no"], "true or false"),
+    ],
+)
+def test_a_setting_of_another_type_is_refused(name, values, words):
+    for value in values:
+        with pytest.raises(InputError, match=f"{name.replace('_', '-')} is .* must be {words}"):
+            settings(**{name: value})
+    if name in ReinforceSettings.__dataclass_fields__:
+        with pytest.raises(InputError, match=words):
+            ReinforceSettings(**{name: values[0]})
+
+
+def test_numpys_numbers_are_settings_too(tmp_path):
+    ours = settings(seed=np.int64(3), learning_rate=np.float64(0.02))
+    assert ours == settings(seed=3, learning_rate=0.02)
+    json.dumps(ours.as_dict())
 
 
 def test_a_refused_run_leaves_its_folder_to_the_next_one(tmp_path):

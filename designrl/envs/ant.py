@@ -216,6 +216,7 @@ class Ant(gymnasium.Env, EzPickle):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
         super().reset(seed=seed)
         self.design = chosen_design(options, ANT.design, self.design)
+        self._ezpickle_args = self.design, *self._ezpickle_args[1:]  # what a copy is made with
         if self._client < 0:
             self._connect()
         if self._loaded is None or not np.array_equal(self._loaded, self.design):

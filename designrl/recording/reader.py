@@ -12,6 +12,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
+from designrl.errors import printable
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, RecordingError
 from designrl.recording.scan import Scan
@@ -269,4 +270,4 @@ def describe(path: str | Path) -> str:
     lines += [f"  {topic}: {count} messages" for topic, count in topics.items()]
     for name, values in records:
         lines += [f"  {name}:", *(f"    {key}: {value}" for key, value in values.items())]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))

@@ -1,13 +1,13 @@
 """Recording a training run, and thinning such a recording."""
 
 import json
-import sys
 import time
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
+from designrl.errors import remark
 from designrl.experiments import get_experiment
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import (
@@ -67,7 +67,7 @@ class RunWriter:
             self._file.close()
             raise
         if gap:
-            print(f"{path}: {gap} (the file was cut or removed); going on", file=sys.stderr)
+            remark(f"{path}: {gap} (the file was cut or removed); going on")
 
     def _write(self, message, names=(), unit: str = "") -> None:
         # A wall clock may be set back; readers want times that never decrease.
