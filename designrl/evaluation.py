@@ -24,6 +24,7 @@ class Evaluation:
         steps: (E,) int64 lengths.
         design: (D,) scales of the body, or None where it is the original.
         seconds: wall time.
+        backend: that played them, "engine" or "reference".
     """
 
     experiment: str
@@ -32,6 +33,7 @@ class Evaluation:
     steps: np.ndarray
     design: np.ndarray | None
     seconds: float
+    backend: str = "reference"
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
@@ -47,6 +49,7 @@ class Evaluation:
             "steps": int(self.steps.sum()),
             "design": None if self.design is None else self.design.tolist(),
             "seconds": self.seconds,
+            "backend": self.backend,
         }
 
 
@@ -101,4 +104,5 @@ def evaluate(
         result.steps[0],
         agent.design,
         time.perf_counter() - start,
+        simulator.backend,
     )

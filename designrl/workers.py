@@ -154,17 +154,15 @@ class ProcessWorkers:
     def _start(self) -> ProcessPoolExecutor:
         if not self._pools:
             self._theirs, self._lifeline = self._context.Pipe(duplex=False)
-        for wait_seconds in (0.1, 1.0, None):
+        for attempt in range(MAX_FAILURES):
             pool = ProcessPoolExecutor(1, self._context, _begin, (self._theirs,))
             try:
                 self._pools[pool] = pool.submit(int)
                 return pool
-            except OSError as error:  # such as where the process that forks them has just died
-                if wait_seconds is None:
-                    raise InputError(
-                        f"the worker processes do not start ({error.strerror}); use fewer workers"
-                    ) from None
-                time.sleep(wait_seconds)
+            except ConnectionError:  # what forks them was killed this moment; it starts again
+                pool.shutdown()
+                time.sleep(attempt)
+        raise InputError(NO_START)
 
     def close(self) -> None:
         """End the processes, whatever they do."""
