@@ -28,7 +28,7 @@ class ReinforceSettings:
     """The optimiser's settings; each default is the published code's.
 
     Raises:
-        InputError: a value of another type, or out of its range.
+        InputError: a value of another type.
     """
 
     mirrored: bool = _setting(True, "sample in pairs μ + ε, μ - ε; otherwise independently")
@@ -66,21 +66,6 @@ class ReinforceSettings:
                 raise InputError(f"{name.replace('_', '-')} is {value!r}; it must be {words}")
             if hasattr(value, "item"):  # NumPy's numbers are no JSON
                 object.__setattr__(self, name, value.item())
-        self._check("weight_decay", 0, 10_000)
-        for name in ("learning_rate_floor", "sigma_floor", "sigma_change_max"):
-            self._check(name, 0, 10)
-        self._check("sigma_learning_rate", 0, 1000)
-        for name in ("sigma_start", "sigma_decay", "learning_rate", "learning_rate_decay"):
-            self._check(name, 0, 10, above=True)
-
-    def _check(self, name: str, low: float, high: float | None = None, above: bool = False) -> None:
-        value = getattr(self, name)
-        # Written so that NaN is refused, too.
-        if (value > low if above else value >= low) and (high is None or value <= high):
-            return
-        least = f"above {low}" if above else f"at least {low}"
-        most = "" if high is None else f" and at most {high}"
-        raise InputError(f"{name.replace('_', '-')} is {value}; it must be {least}{most}")
 
     def learning_rate_at(self, generation: int) -> float:
         """The step size of an update, counted from 0."""
@@ -111,7 +96,7 @@ class TrainSettings(ReinforceSettings):
     """All that decides a run's result.
 
     Raises:
-        InputError: a value out of its range.
+        InputError: a value of another type, or out of its range.
     """
 
     experiment: str
@@ -170,6 +155,12 @@ class TrainSettings(ReinforceSettings):
             self._check("evaluation_episodes", 1)
         if self.stop_score is not None:
             self._check("stop_score", -1e9, 1e9)
+        self._check("weight_decay", 0, 10_000)
+        for name in ("learning_rate_floor", "sigma_floor", "sigma_change_max"):
+            self._check(name, 0, 10)
+        self._check("sigma_learning_rate", 0, 1000)
+        for name in ("sigma_start", "sigma_decay", "learning_rate", "learning_rate_decay"):
+            self._check(name, 0, 10, above=True)
         for episodes, what in (
             (self.population * self.rollouts, "a generation (population times rollouts)"),
             (self.evaluation_episodes or 1, "an evaluation"),
@@ -178,6 +169,15 @@ class TrainSettings(ReinforceSettings):
                 raise InputError(
                     f"{what} would be {episodes:,} episodes; it can be at most {MAX_EPISODES:,}"
                 )
+
+    def _check(self, name: str, low: float, high: float | None = None, above: bool = False) -> None:
+        value = getattr(self, name)
+        # Written so that NaN is refused, too.
+        if (value > low if above else value >= low) and (high is None or value <= high):
+            return
+        least = f"above {low}" if above else f"at least {low}"
+        most = "" if high is None else f" and at most {high}"
+        raise InputError(f"{name.replace('_', '-')} is {value}; it must be {least}{most}")
 
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""
