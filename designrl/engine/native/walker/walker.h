@@ -49,9 +49,8 @@ struct RayDirections {
 class Walker {
  public:
   static constexpr int kObservations = 24, kActions = 4, kDesign = 8;
-  static constexpr int kLanes = ENGINE::kLanes;
   // Enough to fill vectors with walkers in like contact with the ground.
-  static constexpr int kHeld = 2 * kLanes;
+  static constexpr int kLanes = ENGINE::kLanes, kHeld = kLanes;
   static constexpr double kSolvedReturn = 300.0, kSolvedBonus = 100.0;  // points
   using Networks =
       FixedNetworks<FixedNetwork<Output::kTanh, kObservations, 40, 40, kActions>>;
@@ -71,7 +70,7 @@ class Walker {
     command(action);
     step_.begin(world_);
   }
-  uint32_t order() const { return step_.contact_pattern(); }
+  uint32_t order() const { return step_.pattern(world_); }
   void load(VelocitySolver& solver, int lane) { step_.load(world_, solver, lane); }
   void store(const VelocitySolver& solver, int lane) { step_.store(world_, solver, lane); }
   void finish_step(uint32_t flags, Outcome<Walker>& outcome) {
@@ -176,9 +175,7 @@ class Walker {
       end_x[i] = float(x + directions.x[i]);
       end_y[i] = float(y - directions.y[i]);
     }
-    RayFan fan(hull.xf.p, end_x, end_y);
-    const float* fractions = fan.cast_all(world_, closest_hits);
-    for (int i = 0; i < kRays; ++i) state[14 + i] = fractions[i];
+    RayFan(hull.xf.p, end_x, end_y).cast_all(world_, closest_hits, state + 14);
 
     const double angle = hull.sweep.a;
     double shaping = 130 * x / kScale;

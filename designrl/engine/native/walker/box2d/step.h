@@ -24,14 +24,16 @@ class Step {
     }
   }
 
-  // Orders worlds so that those with the same number of contacts on the same bodies come next to
-  // each other: in one vector, they waste no lanes of the velocity solver.
-  uint32_t contact_pattern() const {
+  // Orders worlds so that those with the same number of contacts on the same bodies, then those with
+  // the same joints at their limits in the step before, come next to each other: in one vector, they
+  // waste no lanes of the velocity solver.
+  uint32_t pattern(const World& world) const {
     uint32_t pattern = 0;
     for (int b : kIslandBodies) {
       const int count = touching_count_[b];
       pattern = pattern << 4 | unsigned(count < 15 ? count : 15);
     }
+    for (const Joint& joint : world.joints) pattern = pattern << 1 | (joint.limit != kInactive);
     return pattern;
   }
 

@@ -68,13 +68,13 @@ struct VelocitySolver {
   template <int kUsedChunks>
   void iterate(const Pass* passes, int pass_count);
   template <int kUsedChunks>
-  void solve_joint(int joint, bool limits);
+  void solve_joint(int joint, const bool* limits);
   void solve_contact(int body, ContactRows& rows, int c);
 };
 
-// b2RevoluteJoint::SolveVelocityConstraints. `limits`: some lane's joint is at a limit.
+// b2RevoluteJoint::SolveVelocityConstraints. `limits`: (kUsedChunks,) some lane's joint is at one.
 template <int kUsedChunks>
-inline void VelocitySolver::solve_joint(int joint, bool limits) {
+inline void VelocitySolver::solve_joint(int joint, const bool* limits) {
   JointRows& j = joints[joint];
   const int a = kJointA[joint], b = kJointB[joint];
   for (int c = 0; c < kUsedChunks; ++c) {
@@ -107,7 +107,7 @@ inline void VelocitySolver::solve_joint(int joint, bool limits) {
     Vector py = det22 * (k11 * hy - k12 * hx);
     Vector pz = {};
 
-    if (limits) {
+    if (limits[c]) {
       const Mask lower = j.lower.chunk(c), upper = j.upper.chunk(c);
       const Vector zero = {};
       const Vector cz = bw - aw;
@@ -244,10 +244,10 @@ inline int VelocitySolver::find_passes(Pass* passes, int chunks) {
 
 template <int kUsedChunks>
 inline void VelocitySolver::iterate(const Pass* passes, int pass_count) {
-  bool limits[kJoints] = {};
+  bool limits[kJoints][kUsedChunks];
   for (int j = 0; j < kJoints; ++j)
     for (int c = 0; c < kUsedChunks; ++c)
-      limits[j] |= any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
+      limits[j][c] = any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
   for (int iteration = 0; iteration < kVelocityIterations; ++iteration) {
     for (int joint : kIslandJoints) solve_joint<kUsedChunks>(joint, limits[joint]);
     for (int i = 0; i < pass_count; ++i)
@@ -261,9 +261,11 @@ inline void VelocitySolver::solve(int lanes) {
   Pass passes[kBodies * kChunks * kMaxTouching];
   const int chunks = (lanes + kWidth - 1) / kWidth;
   const int pass_count = find_passes(passes, chunks);
-  static_assert(kChunks == 2, "one branch for each number of chunks in use");
+  static_assert(kChunks == 4, "one branch for each number of chunks in use");
   if (chunks == 1) iterate<1>(passes, pass_count);
-  else iterate<2>(passes, pass_count);
+  else if (chunks == 2) iterate<2>(passes, pass_count);
+  else if (chunks == 3) iterate<3>(passes, pass_count);
+  else iterate<4>(passes, pass_count);
 }
 
 }  // namespace ENGINE::walker
