@@ -9,11 +9,11 @@
 //     settings            numbers of Box2D
 //     math2d, shapes, body
 //                         vectors, polygons and their masses, bodies and joints
-//     tree, narrow_phase, world
+//     terrain_index, tree, narrow_phase, world
 //                         broad phase, contact points, the list of contacts
 //     constraints         contacts and joints made ready, and loaded into vector lanes
 //     velocity_solver     the 180 velocity iterations, many worlds side by side
-//     position_solver     integration and the position iterations
+//     position_solver     integration and the position iterations, likewise
 //     continuous          impacts within a step
 //     step                b2World::Step as a whole
 //   lidar                 the ten rays
@@ -54,7 +54,7 @@ class Walker {
   static constexpr double kSolvedReturn = 300.0, kSolvedBonus = 100.0;  // points
   using Networks =
       FixedNetworks<FixedNetwork<Output::kTanh, kObservations, 40, 40, kActions>>;
-  using Solver = VelocitySolver;
+  using Solver = walker::Solver;
 
   // BipedalWalker.reset up to, but without, its first step. scales: (8,) of the design.
   void reset(uint64_t seed, uint32_t flags, const double* scales) {
@@ -71,8 +71,8 @@ class Walker {
     step_.begin(world_);
   }
   uint32_t order() const { return step_.pattern(world_); }
-  void load(VelocitySolver& solver, int lane) { step_.load(world_, solver, lane); }
-  void store(const VelocitySolver& solver, int lane) { step_.store(world_, solver, lane); }
+  void load(Solver& solver, int lane) { step_.load(world_, solver, lane); }
+  void store(const Solver& solver, int lane) { step_.store(world_, solver, lane); }
   void finish_step(uint32_t flags, Outcome<Walker>& outcome) {
     step_.finish(world_);
     observe(flags & kClosestHits, outcome);
@@ -93,6 +93,7 @@ class Walker {
       const double sign = a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : 0.0;
       double strength = a < 0.0 ? -a : a;
       if (strength > 1.0) strength = 1.0;
+      if (!(strength <= 1.0)) world_.overflow = true;  // no number
       Joint& joint = world_.joints[i];
       joint.motor_speed = float(speed * sign);
       joint.max_torque = float(kMotorTorque * strength);

@@ -107,7 +107,7 @@ struct World {
   int moved[8 * kBodies];  // bodies whose boxes were put into the tree anew
   int moved_count;
   float inverse_dt_before;  // 1/s; 0 before the first step
-  bool overflow;            // a capacity was exceeded: the episode is void
+  bool overflow;            // a capacity was exceeded, or an action is no number: void
 
   ContactListener listener;
 
