@@ -160,7 +160,8 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
     vy = vy + t.m * py;
     w = w + t.i * (t.r1x * py - t.r1y * px);
   }
-  {
+  const bool any_two = any(two);
+  if (any_two) {
     const F dx = vx - w * t.r2y, dy = vy + w * t.r2x;
     const F vt = dx * tx + dy * ty;
     const F before = impulses.tangent2, limit = t.friction * a2;
@@ -174,29 +175,32 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
   }
 
   const F d1x = vx - w * t.r1y, d1y = vy + w * t.r1x;
-  const F d2x = vx - w * t.r2y, d2y = vy + w * t.r2x;
-  const F vn1 = d1x * t.nx + d1y * t.ny, vn2 = d2x * t.nx + d2y * t.ny;
+  const F vn1 = d1x * t.nx + d1y * t.ny;
   // One point: its accumulated impulse stays positive.
-  const F single = maximum(a1 - t.normal_mass1 * vn1, zero);
-  // Two points: the first of four cases that solves the complementarity problem; in none of them,
-  // the impulses stay.
-  const F b1 = vn1 - (t.k11 * a1 + t.k12 * a2), b2 = vn2 - (t.k12 * a1 + t.k22 * a2);
-  const F both1 = -(t.inverse11 * b1 + t.inverse12 * b2);
-  const F both2 = -(t.inverse21 * b1 + t.inverse22 * b2);
-  const F only1 = -(t.normal_mass1 * b1), only2 = -(t.normal_mass2 * b2);
-  const M case1 = both(at_least(both1, zero), at_least(both2, zero));
-  const M case2 = both(at_least(only1, zero), at_least(t.k12 * only1 + b2, zero));
-  const M case3 = both(at_least(only2, zero), at_least(t.k12 * only2 + b1, zero));
-  const M case4 = both(at_least(b1, zero), at_least(b2, zero));
-  F n1 = select(case4, zero, a1), n2 = select(case4, zero, a2);
-  n1 = select(case3, zero, n1);
-  n2 = select(case3, only2, n2);
-  n1 = select(case2, only1, n1);
-  n2 = select(case2, zero, n2);
-  n1 = select(case1, both1, n1);
-  n2 = select(case1, both2, n2);
-  n1 = select(two, n1, single);
-  n2 = select(two, n2, a2);
+  F n1 = maximum(a1 - t.normal_mass1 * vn1, zero), n2 = a2;
+  if (any_two) {
+    // Two points: the first of four cases that solves the complementarity problem; in none of them,
+    // the impulses stay.
+    const F d2x = vx - w * t.r2y, d2y = vy + w * t.r2x;
+    const F vn2 = d2x * t.nx + d2y * t.ny;
+    const F b1 = vn1 - (t.k11 * a1 + t.k12 * a2), b2 = vn2 - (t.k12 * a1 + t.k22 * a2);
+    const F both1 = -(t.inverse11 * b1 + t.inverse12 * b2);
+    const F both2 = -(t.inverse21 * b1 + t.inverse22 * b2);
+    const F only1 = -(t.normal_mass1 * b1), only2 = -(t.normal_mass2 * b2);
+    const M case1 = both(at_least(both1, zero), at_least(both2, zero));
+    const M case2 = both(at_least(only1, zero), at_least(t.k12 * only1 + b2, zero));
+    const M case3 = both(at_least(only2, zero), at_least(t.k12 * only2 + b1, zero));
+    const M case4 = both(at_least(b1, zero), at_least(b2, zero));
+    F m1 = select(case4, zero, a1), m2 = select(case4, zero, a2);
+    m1 = select(case3, zero, m1);
+    m2 = select(case3, only2, m2);
+    m1 = select(case2, only1, m1);
+    m2 = select(case2, zero, m2);
+    m1 = select(case1, both1, m1);
+    m2 = select(case1, both2, m2);
+    n1 = select(two, m1, n1);
+    n2 = select(two, m2, n2);
+  }
   impulses.normal1 = n1;
   impulses.normal2 = n2;
 
