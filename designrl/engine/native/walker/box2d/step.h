@@ -42,10 +42,11 @@ class Step {
   uint32_t pattern(const World& world) const {
     uint32_t pattern = 0;
     for (int b : kIslandBodies) {
-      const int count = touching_count_[b];
-      pattern = pattern << 4 | unsigned(count < 15 ? count : 15);
+      // Up and down in turn, so that neighbours differ in one count only.
+      const unsigned count = touching_count_[b] < 15 ? unsigned(touching_count_[b]) : 15;
+      pattern = pattern << 4 | (pattern & 1 ? 15 - count : count);
     }
-    for (const Joint& joint : world.joints) pattern = pattern << 1 | (joint.limit != kInactive);
+    for (const Joint& joint : world.joints) pattern = pattern << 1 | ((joint.limit != kInactive) ^ (pattern & 1));
     return pattern;
   }
 
