@@ -60,14 +60,13 @@ struct Tree {
   bool before(int a, int b) const {
     int above_a = nodes[a].parent, above_b = nodes[b].parent;
     while (above_a != above_b) {
-      // The higher one may be an ancestor of both already.
-      if (nodes[above_a].height < nodes[above_b].height) {
-        a = above_a;
-        above_a = nodes[a].parent;
-      } else {
-        b = above_b;
-        above_b = nodes[b].parent;
-      }
+      // The higher one may be an ancestor of both already. Which one that is cannot be predicted:
+      // without a branch.
+      const bool climbs_a = nodes[above_a].height < nodes[above_b].height;
+      const int next = nodes[climbs_a ? above_a : above_b].parent;
+      a = climbs_a ? above_a : a;
+      above_a = climbs_a ? next : above_a;
+      above_b = climbs_a ? above_b : next;
     }
     return nodes[above_a].child2 == a;
   }
