@@ -1,10 +1,10 @@
 // Sine and cosine of a vector of angles, with the bits of the C library's sincosf.
 //
-// glibc computes them in double precision: the angle less its multiples of π/2, two polynomials, and
-// one rounding to float (sysdeps/ieee754/flt-32/s_sincosf.c, since 2.28). Where the processor has
-// fused multiply-adds, it uses them; the same operations in the same order then have the same bits
-// here. Any other library differs in the last bit of a few results. So a sample is compared once,
-// and after a difference every angle is put to the library itself.
+// glibc (since 2.28) computes them in double precision: the angle less its quarter turns, two
+// polynomials, and one rounding to float. Where the processor has fused multiply-adds it uses them,
+// and the same operations in the same order have the same bits here: compared at every float up to
+// 119. Any other library differs in the last bit of some results. So a sample is compared once, and
+// after a difference every angle is put to the library itself.
 #pragma once
 
 #include <cmath>
@@ -72,7 +72,8 @@ ENGINE_INLINE Reduced reduced_sincos(HalfVector angle) {
   // In units of 2⁻²⁴ quarter turns, to round to the nearest.
   const HalfIntegers scaled = __builtin_convertvector(wide * 0x1.45F306DC9C883p+23, HalfIntegers);
   const HalfIntegers quadrant = (scaled + 0x800000) >> 24;
-  const Double x = fused(-__builtin_convertvector(quadrant, Double), splat(0x1.921FB54442D18p0), wide);
+  const Double turns = __builtin_convertvector(quadrant, Double);
+  const Double x = fused(-turns, splat(0x1.921FB54442D18p0), wide);
   const Double x2 = x * x, x3 = x2 * x, x4 = x2 * x2;
   Double sine = fused(x2, splat(-0x1.994eb3774cf24p-13), splat(0x1.1107605230bc4p-7));
   sine = fused(x3 * x2, sine, fused(x3, splat(-0x1.555545995a603p-3), x));
@@ -103,8 +104,8 @@ constexpr float kTellingAngles[] = {
     0x1.ab6152p+5, 0x1.d0f4aap+5, 0x1.019c5p+6,  0x1.0e1c8p+6,  0x1.46b80ep+6, 0x1.46ba88p+6,
     0x1.52e6cp+6,  0x1.8abf54p+6, 0x1.9eb0a8p+6, 0x1.b1a47cp+6, 0x1.d0f4aap+6};
 
-// Those, then angles from 3e-5 to 119 on both sides of zero, as many for each power of two: a library
-// with other polynomials has another last bit in about one of a hundred.
+// Those, then angles from 3e-5 to 119 on both sides of zero, as many for each power of two, for
+// libraries with other polynomials.
 inline float sample_angle(int i) {
   constexpr int kTelling = sizeof kTellingAngles / sizeof *kTellingAngles;
   if (i < kTelling) return kTellingAngles[i];

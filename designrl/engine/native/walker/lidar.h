@@ -50,9 +50,9 @@ inline float cast(const Terrain& terrain, const Ray& ray) {
 
 // All rays of one walker.
 //
-// Box2D casts one ray after the other down the tree. Here vectors of rays are held against each piece
-// of terrain that lies below them. Those that may meet it are cast at it alone, exactly, in the order
-// in which the tree would offer the pieces.
+// Box2D casts one ray after the other down the tree. Here vectors of rays are held against each
+// piece of terrain that is near. Those that may meet it are then cast at it, each ray at its own
+// pieces in the order in which the tree would offer them.
 class RayFan {
  public:
   // end_x, end_y: (kRays,) where the rays end.
@@ -102,7 +102,8 @@ class RayFan {
 
  private:
   static constexpr int kVectors = (kRays + kWidth - 1) / kWidth, kPadded = kVectors * kWidth;
-  // Room for rounding, m²: rays are 5 m long, coordinates reach 100 m, where float32 resolves 8e-6 m.
+  // Room for rounding, m²: rays are 5 m long, and coordinates reach 100 m, where float32 resolves
+  // 8e-6 m.
   static constexpr float kSlack = 0.01f;
   union Numbers {
     Vector vector[kVectors];
@@ -112,8 +113,8 @@ class RayFan {
   Numbers end_x_, end_y_;
   Aabb box_;  // around all rays
 
-  // The rays, as bits, that may meet a piece: their line has vertices on both sides, and their boxes
-  // overlap.
+  // The rays, as bits, that may meet a piece: their line has vertices on both sides, and their
+  // boxes overlap.
   uint32_t meeting(const World& world, int piece) const {
     const Terrain& terrain = world.terrain[piece];
     const Aabb& box = world.index.box(piece);

@@ -1,8 +1,8 @@
 // Integration and position correction: non-linear Gauss-Seidel on overlaps and joint errors, until
 // they are small (SolvePositionConstraints of b2ContactSolver and b2RevoluteJoint).
 //
-// Like the velocity solver it runs on many worlds, one in each lane. Three steps in four need one
-// iteration, and one in ten goes on to the last: two are made for all lanes, and the worlds that need
+// Like the velocity solver it runs on many worlds, one in each lane. Most steps need one iteration
+// or two, and nearly all others go on to the last: two are made for all worlds, and those that need
 // more are then put together in as few vectors as hold them. In the functions below, F is a vector
 // of lanes, or a float where continuous collision corrects a single body.
 #pragma once
@@ -15,7 +15,7 @@ namespace ENGINE::walker {
 // Where a body is.
 template <class F>
 struct Place {
-  F x, y;  // centre of mass, m
+  F x, y;     // centre of mass, m
   F a, s, c;  // angle, its sine and cosine
 };
 
@@ -34,20 +34,19 @@ struct JointTerms {
   F at_lower, at_upper;  // 1: the joint is at this limit
 };
 
-// and of a contact (b2ContactPositionConstraint). `count` are the points of the manifold, also where
-// the velocity solver used only one; 0: this lane has no such contact.
+// and of a contact (b2ContactPositionConstraint).
 template <class F>
 struct OverlapTerms {
   F nx, ny, px, py;  // normal and a point of the face, in its own shape's frame
   F x[2], y[2];      // the points, in the other shape's frame
   F face_a;          // 1: the face is the terrain's
-  F count;
+  F count;           // of the points, also where the velocity solver used only one; 0: no contact
 };
 
 inline OverlapTerms<float> overlap_terms(const Manifold& m) {
   const Vec2 p = m.points[0].local, q = m.points[1].local;
-  return {m.normal.x, m.normal.y, m.point.x,    m.point.y,           {p.x, q.x},
-          {p.y, q.y}, float(m.face_a), float(m.count)};
+  return {m.normal.x, m.normal.y, m.point.x,       m.point.y,
+          {p.x, q.x}, {p.y, q.y}, float(m.face_a), float(m.count)};
 }
 inline BodyTerms<float> body_terms(const Body& body) {
   const Vec2 center = body.sweep.local_center;
@@ -57,11 +56,11 @@ inline BodyTerms<float> body_terms(const Body& body) {
 inline JointTerms<float> joint_terms(const Joint& joint, const Body& body_a, const Body& body_b) {
   const Vec2 a = joint.anchor_a - body_a.sweep.local_center;
   const Vec2 b = joint.anchor_b - body_b.sweep.local_center;
-  return {a.x, a.y, b.x, b.y, joint.reference_angle, joint.lower, joint.upper,
-          float(joint.limit == kAtLower), float(joint.limit == kAtUpper)};
+  const float at_lower = joint.limit == kAtLower, at_upper = joint.limit == kAtUpper;
+  return {a.x, a.y, b.x, b.y, joint.reference_angle, joint.lower, joint.upper, at_lower, at_upper};
 }
 
-// Both in these lanes only.
+// Moves or turns a body in these lanes only.
 template <class F, class M>
 inline void move(Place<F>& at, F x, F y, M lanes) {
   at.x = select(lanes, x, at.x);
@@ -174,6 +173,7 @@ inline Mask correct_joint(const JointTerms<Vector>& joint, const BodyTerms<Vecto
               at_least(zero + kAngularSlop, angular_error));
 }
 
+// What they need of a world beside its contacts.
 template <class F>
 struct IslandTerms {
   Place<F> places[kBodies];

@@ -36,9 +36,9 @@ class Step {
     }
   }
 
-  // Orders worlds so that those with the same number of contacts on the same bodies, then those with
-  // the same joints at their limits in the step before, come next to each other: in one vector, they
-  // waste no lanes of the velocity solver.
+  // Orders worlds so that those with the same number of contacts on the same bodies, then those
+  // with the same joints at their limits in the step before, come next to each other: in one
+  // vector, they waste no lanes of the velocity solver.
   uint32_t pattern(const World& world) const {
     uint32_t pattern = 0;
     for (int b : kIslandBodies) {
@@ -46,7 +46,8 @@ class Step {
       const unsigned count = touching_count_[b] < 15 ? unsigned(touching_count_[b]) : 15;
       pattern = pattern << 4 | (pattern & 1 ? 15 - count : count);
     }
-    for (const Joint& joint : world.joints) pattern = pattern << 1 | ((joint.limit != kInactive) ^ (pattern & 1));
+    for (const Joint& joint : world.joints)
+      pattern = pattern << 1 | ((joint.limit != kInactive) ^ (pattern & 1));
     return pattern;
   }
 
@@ -85,14 +86,15 @@ class Step {
     }
     IslandTerms<float> terms;
     for (int j : kIslandJoints) {
-      load_joint(velocities, lane, j, world.joints[j], world.bodies, motions, dt_ratio);
-      terms.joints[j] = joint_terms(world.joints[j], world.bodies[kJointA[j]], world.bodies[kJointB[j]]);
+      Joint& joint = world.joints[j];
+      load_joint(velocities, lane, j, joint, world.bodies, motions, dt_ratio);
+      terms.joints[j] = joint_terms(joint, world.bodies[kJointA[j]], world.bodies[kJointB[j]]);
     }
     for (int b = 0; b < kBodies; ++b) {
-      velocities.vx[b].lane[lane] = motions[b].v.x;
-      velocities.vy[b].lane[lane] = motions[b].v.y;
-      velocities.w[b].lane[lane] = motions[b].w;
       const Motion& motion = motions[b];
+      velocities.vx[b].lane[lane] = motion.v.x;
+      velocities.vy[b].lane[lane] = motion.v.y;
+      velocities.w[b].lane[lane] = motion.w;
       terms.places[b] = {motion.c.x, motion.c.y, motion.a, motion.q.s, motion.q.c};
       terms.bodies[b] = body_terms(world.bodies[b]);
     }

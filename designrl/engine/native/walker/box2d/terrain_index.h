@@ -1,4 +1,4 @@
-// Which terrain is near, by x: what the tree's queries and rays would find among the terrain, for less.
+// Which terrain is near, by x: for less, what the tree's queries and rays would find of it.
 //
 // A query of the tree finds every leaf whose box overlaps, and a ray every one that it hits: a hit
 // lies 0.1 m inside the boxes of all nodes above it, so that no rounding keeps a ray from one. Only
