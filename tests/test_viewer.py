@@ -15,13 +15,13 @@ from test_recording import random_agent, write_run
 
 from designrl import viewer
 from designrl.bodies import rotate
+from designrl.bodies.robot import _quaternion
 from designrl.bodies.walker import WalkerBody
 from designrl.errors import InputError
 from designrl.recording import read, record_rollout
 from designrl.recording.mcap_file import McapFile
 from designrl.viewer import data
 from designrl.viewer import picture as picture_module
-from designrl.viewer.drawing import _quaternion
 from designrl.viewer.picture import EXECUTABLE, NO_DRIVER, NO_DRIVER_MESSAGE
 
 
@@ -124,7 +124,7 @@ def test_many_rollouts_are_thinned_evenly(tmp_path, capsys):
 
 
 def test_urdf_angles_become_the_right_rotation():
-    q = np.array(_quaternion(0, np.pi / 2, np.pi / 4))
+    q = _quaternion(0, np.pi / 2, np.pi / 4)
     assert np.allclose(rotate(q, np.array([0, 0, 1.0])), [np.sqrt(0.5), np.sqrt(0.5), 0])
 
 
@@ -268,6 +268,18 @@ def test_rerun_finds_nothing_to_say(folder, ant):
 def _share(picture: np.ndarray, low, high) -> float:
     """Share of the pixels between two colors (3,), in %."""
     return 100 * ((picture >= low) & (picture <= high)).all(axis=2).mean()
+
+
+def test_stock_rerun_opens_a_run_on_its_body_and_evaluations(folder, tmp_path):
+    def drawn(recording: Path) -> bool:
+        red, green, blue = np.moveaxis(stock_picture(recording, tmp_path).astype(int), 2, 0)
+        legs = (red > green + 40) & (blue > green + 20)  # pink
+        levels = (green > red + 60) & (green > blue + 20)  # "INFO" of each line
+        return legs.mean() > 1e-4 and levels.mean() > 1e-5
+
+    assert any(drawn(folder / "generations.mcap") for _ in range(3))
+    write_empty(tmp_path / "empty.mcap")
+    assert not drawn(tmp_path / "empty.mcap")
 
 
 @pytest.mark.parametrize("kind", ["walker", "ant"])

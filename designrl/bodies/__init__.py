@@ -14,6 +14,8 @@ from designrl.design import DesignSpace
 
 GROUND_COLOR = (112, 184, 96)
 OBSTACLE_COLOR = (190, 190, 190)
+ORIGINAL_COLOR = (150, 150, 150)  # of an original body beside a learned one
+ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: there it stands, seen from the learned one
 GROUND_HALF_WIDTH = 1.0  # m; the ground of a two-dimensional world is drawn this wide
 
 # Positions (n, 3) in m and rotations (n, 4), quaternions x, y, z, w, of n parts.
@@ -35,8 +37,8 @@ class Body:
         rest_pose: joint -> rad, how it stands where only its design is drawn; joints that are not
             named are in mid-range.
         rollout_eye: seen from the body's root, how a rollout is looked at.
-        design_eye: how a design is looked at, whose root is at 0; the original body stands 2.5 m to
-            its left, x = -2.5 m.
+        design_eye: how a design is looked at, whose root is at 0, with the original body at
+            ORIGINAL_AT.
         limbs: limb -> indices of its dimensions; each limb gets a plot of its own.
     """
 
@@ -113,10 +115,15 @@ def relative(parents: Poses, children: Poses) -> Poses:
     """Each child's pose as its parent sees it; both are given in the world."""
     (p, q), (r, s) = parents, children
     inverse = q * (-1, -1, -1, 1)
-    a, b, x, y = inverse[..., :3], s[..., :3], inverse[..., 3:], s[..., 3:]
+    return rotate(inverse, r - p), multiply(inverse, s)
+
+
+def multiply(q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """The quaternions (..., 4) that turn by r, then by q."""
+    a, b, x, y = q[..., :3], r[..., :3], q[..., 3:], r[..., 3:]
     vector = x * b + y * a + _cross(a, b)
     scalar = x * y - (a * b).sum(axis=-1, keepdims=True)
-    return rotate(inverse, r - p), np.concatenate([vector, scalar], axis=-1)
+    return np.concatenate([vector, scalar], axis=-1)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -5,7 +5,10 @@ import time
 from pathlib import Path
 
 import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from designrl.bodies import ORIGINAL_AT, ORIGINAL_COLOR
+from designrl.bodies.robot import Robot
 from designrl.experiments import get_experiment
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import (
@@ -17,10 +20,11 @@ from designrl.recording.mcap_file import (
     RecordingError,
     uninterrupted,
 )
+from designrl.recording.points import point_cloud
 from designrl.recording.reader import Recording, read
 
 # Nearly all of a run's bytes, and of how many times as many generations a thinned copy has them.
-HEAVY_TOPICS = {"/distribution": 1, "/returns": 1, "/design": 10}
+HEAVY_TOPICS = {"/distribution": 1, "/returns": 1, "/body": 1, "/design": 10}
 
 
 class RunWriter:
@@ -41,7 +45,9 @@ class RunWriter:
     """
 
     def __init__(self, path: str | Path, metadata: dict, resume_generation: int = 0):
-        self._design = get_experiment(metadata["experiment"]).design
+        experiment = get_experiment(metadata["experiment"])
+        self._body, self._design = experiment.body, experiment.design
+        self._scales = None  # of the last generation's mean body
         old = read(path) if resume_generation and Path(path).exists() else None
         records = [record for record in old.metadata_records if record[0] != END] if old else []
         if RUN not in dict(records):
@@ -57,6 +63,7 @@ class RunWriter:
             if old:
                 _copy(self._file, old, lambda topic, generation: generation < resume_generation)
             self._log_time = self._file.last_log_time
+            self._drawn = bool(old and old.topics.get("/body"))  # the first body, at least
             self._file.publish()
         except BaseException:
             self._file.close()
@@ -65,9 +72,18 @@ class RunWriter:
             print(f"{path}: {gap} (the file was cut or removed); going on", file=sys.stderr)
 
     def _write(self, message, names=(), unit: str = "") -> None:
+        self._file.write(message, self._now(), message.generation, names, unit)
+
+    def _now(self) -> int:
         # A wall clock may be set back; readers want times that never decrease.
         self._log_time = max(time.time_ns(), self._log_time)
-        self._file.write(message, self._log_time, message.generation, names, unit)
+        return self._log_time
+
+    def _draw(self, topic: str, generation: int, scales: np.ndarray, at=(0, 0, 0), color=None):
+        points, colors = Robot(self._body.urdf(scales), self._body.rest_pose).outline()
+        now = self._now()
+        cloud = point_cloud(points + at, colors if color is None else color, now)
+        self._file.write(cloud, now, generation, topic=topic)
 
     @uninterrupted()
     def generation(
@@ -114,9 +130,13 @@ class RunWriter:
         if self._design is not None:
             size = self._design.size
             m, s = mu[-size:].astype(np.float64), sigma[-size:].astype(np.float64)
-            sizes, lower, upper = (
-                self._design.dimensions(self._design.scales(p)) for p in (m, m - s, m + s)
-            )
+            scales = [self._design.scales(p) for p in (m, m - s, m + s)]
+            sizes, lower, upper = map(self._design.dimensions, scales)
+            self._scales = scales[0]
+            if not self._drawn:
+                self._drawn, original = True, np.ones(size)
+                self._draw("/original", index, original, ORIGINAL_AT, ORIGINAL_COLOR)
+                self._draw("/body", index, self._scales)
             design = schema.Design(
                 generation=index, mu=m, sigma=s, dimensions=sizes, lower=lower, upper=upper
             )
@@ -153,6 +173,11 @@ class RunWriter:
             seeds=np.ravel(seeds).tolist(),
         )
         self._write(evaluation)
+        line = Log(level=Log.INFO, name="evaluation", message=_in_words(evaluation))
+        line.timestamp.FromNanoseconds(self._log_time)
+        self._file.write(line, self._log_time, index)
+        if self._scales is not None:
+            self._draw("/body", index, self._scales)
         self._file.seal_if_due()
 
     @uninterrupted()
@@ -176,6 +201,12 @@ class RunWriter:
             self._file.close()  # it has said what is wrong, and the file is as good as it gets
         else:
             self.close(finished=kind is None)
+
+
+def _in_words(e: schema.Evaluation) -> str:
+    best = ", the best so far" if e.kept else ""
+    episodes = f"{len(e.scores)} episode{'s' if len(e.scores) > 1 else ''}"
+    return f"generation {e.generation}: {e.mean:.1f} ± {e.sd:.1f} over {episodes}{best}"
 
 
 def _gap(held, stop: int) -> str:
@@ -215,7 +246,7 @@ def thin(source: str | Path, target: str | Path, every: int) -> None:
         raise RecordingError(f"{source} holds no generations; name a run's generations.mcap")
     kept: dict[str, set[int]] = {topic: set() for topic in HEAVY_TOPICS}
     for topic in filter(recording.topics.get, kept):
-        held, step = recording.array(topic, "generation"), max(1, every // HEAVY_TOPICS[topic])
+        held, step = recording.array(topic, "sequence"), max(1, every // HEAVY_TOPICS[topic])
         first_of_each_step = np.unique(held // step, return_index=True)[1]
         kept[topic] = {*held[first_of_each_step].tolist(), int(held[-1])}
     done = {

@@ -6,14 +6,14 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 import rerun as rr
 
-from designrl.bodies import GROUND_HALF_WIDTH
+from designrl.bodies import GROUND_HALF_WIDTH, ORIGINAL_AT, ORIGINAL_COLOR
+from designrl.bodies.robot import Robot
 from designrl.recording import Recording, RecordingError
-from designrl.viewer.drawing import Robot, log_floor, log_terrain
+from designrl.viewer.drawing import log_floor, log_part, log_robot, log_terrain
 from designrl.viewer.layout import GENERATION, TIME, body_of, entity
 
 MAX_FIGURES = 300  # bodies of a run that are drawn, evenly spaced over its generations
-ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: the original body stands to the left of the learned one
-GRAY, RED = (150, 150, 150), (255, 60, 60)
+RED = (255, 60, 60)
 PALETTE = np.array(
     [  # eight colors that remain apart for the color-blind (after Okabe and Ito), lightened
         (86, 180, 233),
@@ -115,13 +115,13 @@ def _log_design(stream, recording: Recording, name: str) -> None:
                 "widths": [2.5] * len(indices) + [0.8] * 2 * len(indices),
             },
         )
-    original = Robot(body.urdf(np.ones(body.design.size)), body.rest_pose, GRAY)
-    original.log(stream, f"{name}/figure/original", ORIGINAL_AT, static=True)
+    original = Robot(body.urdf(np.ones(body.design.size)), body.rest_pose)
+    log_robot(stream, original, f"{name}/figure/original", ORIGINAL_AT, ORIGINAL_COLOR)
     generations = recording.array("/design", "generation").tolist()
     for i in np.unique(np.linspace(0, len(sizes) - 1, MAX_FIGURES).round().astype(int)):
         stream.set_time(GENERATION, sequence=generations[i])
         robot = Robot(body.urdf(sizes[i] / body.design.originals), body.rest_pose)
-        robot.log(stream, f"{name}/figure/mean", (0, 0, 0))
+        log_robot(stream, robot, f"{name}/figure/mean", (0, 0, 0))
     stream.reset_time()
 
 
@@ -139,7 +139,7 @@ def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> 
         paths[part] = path = f"{paths[parent]}/{entity(part)}"
         columns = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
         stream.send_columns(path, times, columns)
-        robot.log_shapes(stream, part, path, static=True)
+        log_part(stream, robot.shapes[part], path, static=True)
         if parent == "world":
             columns = rr.Transform3D.columns(translation=_smooth_height(positions))
             stream.send_columns(f"{world}/follow", times, columns)
