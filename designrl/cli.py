@@ -151,7 +151,9 @@ def _record(args) -> None:
 def _replay(args) -> None:
     from designrl.viewer import replay
 
-    replay(args.files, save=args.save, screenshot=args.headless_screenshot)
+    if args.at is not None and not args.headless_screenshot:
+        raise InputError("--at chooses what --headless-screenshot shows; add that, too")
+    replay(args.files, save=args.save, screenshot=args.headless_screenshot, at=args.at)
     for path in filter(None, (args.save, args.headless_screenshot)):
         print(f"{path} written")
 
@@ -263,6 +265,13 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("files", nargs="+", metavar="FILE.mcap", help="recordings or run folders")
     replay.add_argument("--save", metavar="FILE.rrd", help="write a Rerun file, open nothing")
     replay.add_argument("--headless-screenshot", metavar="FILE.png", help="write a picture")
+    replay.add_argument(
+        "--at",
+        type=float,
+        metavar="X",
+        help="what the picture shows: a run's generation, counted from 0 (default: the last), or s "
+        "of a rollout's time (default: its middle)",
+    )
 
     info = command("info", _info, "tell what a checkpoint or recording holds")
     info.add_argument("file", metavar="FILE")

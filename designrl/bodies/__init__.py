@@ -16,7 +16,7 @@ GROUND_COLOR = (112, 184, 96)
 OBSTACLE_COLOR = (190, 190, 190)
 ORIGINAL_COLOR = (150, 150, 150)  # of an original body beside a learned one
 ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: there it stands, seen from the learned one
-GROUND_HALF_WIDTH = 1.0  # m; the ground of a two-dimensional world is drawn this wide
+GROUND_HALF_WIDTH = 0.6  # m; the ground of a two-dimensional world is drawn this wide
 
 # Positions (n, 3) in m and rotations (n, 4), quaternions x, y, z, w, of n parts.
 Poses = tuple[np.ndarray, np.ndarray]
@@ -50,8 +50,8 @@ class Body:
     contact_names: tuple[str, ...] = ()
     time_step: float
     rest_pose: dict[str, float] = {}
-    rollout_eye: Eye = ((-2.5, -4.5, 2.2), (0.1, 0, -0.1))
-    design_eye: Eye = ((-1.2, -2.6, 2.6), (-1.2, -0.1, 0))
+    rollout_eye: Eye = ((-1.5, -2.7, 1.4), (0.1, 0, -0.1))
+    design_eye: Eye = ((-1.2, -1.9, 1.9), (-1.2, -0.1, -0.1))
 
     @property
     def limbs(self) -> dict[str, list[int]]:

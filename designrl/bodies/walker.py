@@ -21,7 +21,7 @@ LIDAR_RAYS = 10
 
 GROUND_REACH = 7.0  # m to either side of the body: the ground that any viewer is shown
 GROUND_SPACING = 0.06  # m between the points of a line
-GROUND_ROWS = 9  # lines across the ground's width
+GROUND_ROWS = 7  # lines across the ground's width
 
 
 class WalkerBody(Body):

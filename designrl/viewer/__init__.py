@@ -22,19 +22,26 @@ from designrl.files import write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
 from designrl.viewer.data import log_recording
-from designrl.viewer.layout import blueprint
+from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
 from designrl.viewer.picture import EXECUTABLE, take_picture
 
 MAX_ROLLOUTS = 6  # of a run's folder that are opened; name files to open others
 
 
-def replay(paths, save: str | Path | None = None, screenshot: str | Path | None = None) -> None:
+def replay(
+    paths,
+    save: str | Path | None = None,
+    screenshot: str | Path | None = None,
+    at: float | None = None,
+) -> None:
     """Open recordings in Rerun, or write them as an .rrd file, or as a picture, or both.
 
     Args:
         paths: recordings, or folders of runs.
         save: .rrd file to write instead of opening a viewer.
         screenshot: PNG file to write instead of opening a viewer, through a viewer without window.
+        at: what the picture shows: of a run the generation, as an index, of a rollout s of its
+            time; else a run's last generation, or the middle of a rollout.
 
     Raises:
         InputError: nothing to open, a file that cannot be read or written or that exists already,
@@ -45,7 +52,7 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
     _check_targets(targets, paths)
     recordings = _read_usable(paths)
     names = unique_names([recording.path for recording in recordings])
-    layout = blueprint(recordings, names)
+    layout = blueprint(recordings, names, for_picture=screenshot is not None)
     stream = rr.RecordingStream("designrl")
     if not targets:
         _require_display()
@@ -72,11 +79,27 @@ def replay(paths, save: str | Path | None = None, screenshot: str | Path | None 
     if save is not None:
         write_atomically(save, data)
     if screenshot is not None:
-        middle = recordings[0].seconds / 2 if recordings[0].kind == "rollout" else None
         with tempfile.TemporaryDirectory() as folder:
             shown = Path(folder) / "replay.rrd"
             write_atomically(shown, data)
-            write_atomically(screenshot, take_picture(shown, middle))
+            write_atomically(screenshot, take_picture(shown, *_moment(recordings[0], at)))
+
+
+def _moment(recording: Recording, at: float | None) -> tuple[str, int | float]:
+    """The timeline and the place on it that a picture of a recording shows.
+
+    Raises:
+        InputError: `at` is not within the recording.
+    """
+    if recording.kind == "run":
+        timeline, end, default = GENERATION, last_generation(recording), last_generation(recording)
+    else:
+        timeline, end, default = TIME, recording.seconds, recording.seconds / 2
+    at = default if at is None else at
+    if not 0 <= at <= end:
+        unit = "generations" if timeline == GENERATION else "s"
+        raise InputError(f"{recording.path} goes from 0 to {end:g} {unit}, --at is {at:g}")
+    return timeline, int(at) if timeline == GENERATION else float(at)
 
 
 def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[str]) -> None:

@@ -12,7 +12,6 @@ import rerun_cli
 from rerun.experimental import ViewerClient
 
 from designrl.errors import InputError
-from designrl.viewer.layout import TIME
 
 # `rerun` in an environment is a script that starts this one and waits.
 EXECUTABLE = Path(rerun_cli.__file__).with_name("rerun")
@@ -27,8 +26,8 @@ NO_DRIVER = (
 )
 
 
-def take_picture(rrd: Path, at: float | None = None) -> bytes:
-    """The picture (PNG) of a viewer that shows an .rrd file; of a rollout, at s of its time.
+def take_picture(rrd: Path, timeline: str, at: int | float) -> bytes:
+    """The picture (PNG) of a viewer that shows an .rrd file, at a generation or s of a timeline.
 
     Raises:
         InputError: there is no graphics driver, not even a software one.
@@ -44,8 +43,8 @@ def take_picture(rrd: Path, at: float | None = None) -> bytes:
     ):
         try:
             viewer = _connect(process, f"rerun+http://127.0.0.1:{port}/proxy")
-            if at is not None:
-                viewer.set_time(TIME, duration=at, play_state="paused")
+            place = {"sequence" if isinstance(at, int) else "duration": at}
+            viewer.set_time(timeline, play_state="paused", **place)
             return _still_picture(viewer)
         except RuntimeError as error:
             log.seek(0)
