@@ -150,10 +150,14 @@ def _record(args) -> None:
 
 def _replay(args) -> None:
     from designrl.viewer import replay
+    from designrl.viewer.web import ADDRESS, PORT
 
     if args.at is not None and not args.headless_screenshot:
         raise InputError("--at chooses what --headless-screenshot shows; add that, too")
-    replay(args.files, save=args.save, screenshot=args.headless_screenshot, at=args.at)
+    if not args.web and (args.bind or args.port is not None):
+        raise InputError("--bind and --port are those of --web; add that, too")
+    web = (args.bind or ADDRESS, PORT if args.port is None else args.port) if args.web else None
+    replay(args.files, args.save, args.headless_screenshot, args.at, web)
     for path in filter(None, (args.save, args.headless_screenshot)):
         print(f"{path} written")
 
@@ -271,6 +275,14 @@ def parser() -> argparse.ArgumentParser:
         metavar="X",
         help="what the picture shows: a run's generation, counted from 0 (default: the last), or s "
         "of a rollout's time (default: its middle)",
+    )
+
+    replay.add_argument(
+        "--web", action="store_true", help="serve them to browsers, also through ssh, until Ctrl-C"
+    )
+    replay.add_argument("--bind", metavar="ADDRESS", help="of --web (default: 127.0.0.1)")
+    replay.add_argument(
+        "--port", type=int, metavar="N", help="of --web, which takes N and N + 1 (default: 9090)"
     )
 
     info = command("info", _info, "tell what a checkpoint or recording holds")

@@ -1,11 +1,16 @@
 """Replay: the layout and the data without a window, and true pictures where there is a driver."""
 
 import errno
+import io
 import json
 import os
 import re
 import shutil
+import socket
 import subprocess
+import sys
+import urllib.parse
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +26,7 @@ from designrl.bodies.walker import WalkerBody
 from designrl.errors import InputError
 from designrl.recording import read, record_rollout
 from designrl.recording.mcap_file import McapFile
-from designrl.viewer import data, layout
+from designrl.viewer import data, layout, web
 from designrl.viewer import picture as picture_module
 from designrl.viewer.picture import EXECUTABLE, NO_DRIVER, NO_DRIVER_MESSAGE
 
@@ -296,6 +301,72 @@ def test_a_rollout_stands_at_the_index_of_its_generation(folder, tmp_path):
     run, rollout = read(folder / "generations.mcap"), read(path)
     column = data._times(rollout, "/tf")[1]
     assert set(column.as_arrow_array().to_pylist()) == {run.generations[-1]} == {11}
+
+
+# ------------------------------------------------------------------------- in a browser
+
+
+@pytest.fixture
+def served(folder):
+    """The address that `designrl replay --web` prints."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "designrl", "replay", folder, "--web", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process.stdout.readline().removeprefix("open ").strip(), port
+        finally:
+            process.terminate()
+    for each in (port, port + 1):  # the server has gone with the command
+        with pytest.raises(OSError), socket.create_connection(("127.0.0.1", each), 1):
+            pass
+
+
+def test_a_browser_gets_a_page_and_the_data(served, folder):
+    url, port = served
+    with urllib.request.urlopen(url) as answer:
+        assert b"<canvas" in answer.read()
+    data = urllib.parse.parse_qs(urllib.parse.urlsplit(url).query)["url"]
+    assert data == [f"rerun+http://127.0.0.1:{port + 1}/proxy"]
+    socket.create_connection(("127.0.0.1", port + 1), 1).close()
+    with pytest.raises(InputError, match=rf"{port} cannot be listened at .*--port"):
+        viewer.replay([folder], web=("127.0.0.1", port))
+
+
+def test_the_layout_is_in_the_data_and_active(folder, tmp_path):
+    viewer.replay([folder], save=tmp_path / "a.rrd")
+    text = rerun("rrd", "print", "-vvv", tmp_path / "a.rrd").stdout
+    assert "BlueprintActivationCommand" in text and "make_active: true" in text
+    assert "score of evaluated agents, points" in text
+
+
+@pytest.mark.parametrize(
+    ("address", "host"), [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("0.0.0.0", None)]
+)
+def test_the_address_is_one_that_a_browser_can_open(address, host):
+    host = host or socket.gethostname()
+    assert web.page(address, 80).startswith(f"http://{host}:80/?url=rerun%2Bhttp%3A%2F%2F")
+
+
+def test_a_browser_shows_our_layout(served):
+    reason = "needs playwright (pip) and a chromium in the PATH"
+    playwright = pytest.importorskip("playwright.sync_api", reason=reason)
+    if not (chromium := shutil.which("chromium")):
+        pytest.skip(reason)
+    software = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=software.split())
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(served[0])
+
+        def sky() -> float:
+            page.wait_for_timeout(2000)
+            picture = Image.open(io.BytesIO(page.screenshot(timeout=60_000))).convert("RGB")
+            return _share(np.array(picture), (210, 210, 250), (220, 220, 255))
+
+        assert any(sky() > 10 for _ in range(30))  # behind the body; only our layout has it
+        browser.close()
 
 
 # ------------------------------------------------------------------------- stock Rerun
