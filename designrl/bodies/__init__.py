@@ -14,6 +14,7 @@ from designrl.design import DesignSpace
 
 GROUND_COLOR = (112, 184, 96)
 OBSTACLE_COLOR = (190, 190, 190)
+SKY_COLOR = (215, 215, 255)  # Gymnasium's
 ORIGINAL_COLOR = (150, 150, 150)  # of an original body beside a learned one
 ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: there it stands, seen from the learned one
 GROUND_HALF_WIDTH = 0.6  # m; the ground of a two-dimensional world is drawn this wide
@@ -89,6 +90,13 @@ class Body:
         None: a flat floor at z = 0.
         """
         return None
+
+    def picture(self, env) -> np.ndarray:
+        """(H, W, 3) uint8: the body from near by, as videos show it; H and W are even.
+
+        `env` has the render mode "rgb_array". Here: what it renders.
+        """
+        return env.render()
 
     def ground_near(self, env, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) points of the ground around a place (3,), (n, 3) uint8 their colors.

@@ -6,7 +6,7 @@ import math
 import rerun as rr
 import rerun.blueprint as rrb
 
-from designrl.bodies import Body
+from designrl.bodies import SKY_COLOR, Body
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
 from designrl.recording import Recording
@@ -17,7 +17,6 @@ NEAR_CURSOR = (-4.0, 1.0, 3.5)  # s from the cursor: first and last data shown, 
 # Left free beside a plot's data, for its legend, as a share of the data: wide plots, narrow ones.
 WIDE, NARROW = 0.25, 0.55
 LEGEND = rrb.Corner2D.RightTop  # there
-SKY = (215, 215, 255)  # Gymnasium's
 
 
 def entity(*names: str) -> str:
@@ -171,7 +170,7 @@ def _scene(title: str, origin: str, contents: str, eye) -> rrb.Spatial3DView:
         name=title,
         origin=origin,
         contents=contents,
-        background=SKY,
+        background=SKY_COLOR,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1)),
     )
