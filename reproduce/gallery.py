@@ -19,7 +19,7 @@ from reproduce.drawing import typical_seed
 from reproduce.scores import Score
 
 WIDTH = 400  # pixels
-FIRST, LAST = 1.2, 4.8  # s of the rollout
+FIRST, LAST = 1.2, 3.6  # s of the rollout
 
 
 def frames(s: Score) -> Iterator[Image.Image]:
