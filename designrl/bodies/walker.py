@@ -25,7 +25,7 @@ HULL = ((-30, 9), (6, 9), (34, 1), (34, -8), (-30, -8))  # corners, in 1/30 m (G
 HIP = -8 / SCALE  # m, from the hull's origin
 HULL_COLOR = (160, 105, 255)
 LEG_COLORS = ((255, 190, 225), (225, 110, 180))  # leg 1, leg 2
-LEG_SIDE = 0.4  # m: leg 1 is drawn that much to the left of the hull's plane, leg 2 to the right
+LEG_SIDE = 0.3  # m: leg 1 is drawn that much to the left of the hull's plane, leg 2 to the right
 LIDAR_RAYS = 10
 
 PICTURE_SIZE = (640, 480)  # pixels
