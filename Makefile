@@ -2,7 +2,10 @@
 #   make reproduce                   all tables, figures and the report, as far as out of date
 #   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
+#   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
 #   make gallery                     looping pictures of each experiment's best agent
+#   make zoo                         train and publish every run of Table 3 that is missing
+#   make verify-zoo                  train the first generations of the published runs again
 #   make test                        the test suite
 #   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet; make
 #                                    sanitize-engine: its tests in a build that watches memory and
@@ -17,11 +20,11 @@ READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 ENGINE_SOURCES := setup.py $(shell find designrl/engine/native -type f)
 
-export ZOO
+export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce FORCE gallery verify-engine sanitize-engine verify-resume \
+.PHONY: setup test bench lint reproduce FORCE gallery zoo verify-zoo verify-engine sanitize-engine verify-resume \
   fuzz clean
 
 setup: $(READY)
@@ -63,6 +66,13 @@ reproduce-%: $(READY) FORCE
 
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
+
+# The published runs, one on each core; ONLY="biped ant" for those of some experiments.
+zoo: $(READY)
+	@$(BIN)/python -m reproduce.zoo $(if $(ONLY),--only $(ONLY))
+
+verify-zoo: $(READY)
+	@$(BIN)/python -m reproduce.zoo --verify $(if $(ONLY),--only $(ONLY))
 
 verify-engine: $(READY)
 	@$(BIN)/python -m designrl.engine.verify
