@@ -12,7 +12,8 @@ import numpy as np
 
 from designrl.bodies import multiply, rotate
 
-OUTLINE_SPACING = 0.1  # m, at most, between the points along an edge
+OUTLINE_SPACING = 0.1  # m, at most, between the points along an edge; twice that of circles
+CIRCLE_POINTS = 8
 
 
 class Shape(NamedTuple):
@@ -96,11 +97,11 @@ def _outline(shape: Shape) -> np.ndarray:
                 lines.append(line * shape.size)
         return np.concatenate(lines)
     radius = shape.size[0]
-    angle = np.linspace(0, 2 * np.pi, 13)[:-1]
+    angle = np.linspace(0, 2 * np.pi, CIRCLE_POINTS, endpoint=False)
     circle = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))])
     if shape.kind == "sphere":
         return np.concatenate([np.roll(circle, i, axis=1) for i in range(3)])
-    heights = np.linspace(-0.5, 0.5, math.ceil(shape.size[1] / OUTLINE_SPACING) + 1)
+    heights = np.linspace(-0.5, 0.5, math.ceil(shape.size[1] / OUTLINE_SPACING / 2) + 1)
     return np.concatenate([circle + (0, 0, height * shape.size[1]) for height in heights])
 
 
