@@ -4,9 +4,10 @@
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make gallery                     looping pictures of each experiment's best agent
 #   make test                        the test suite
-#   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet; make
-#                                    sanitize-engine: its tests in a build that watches memory and
-#                                    undefined behaviour
+#   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
+#                                    million steps of vector environments; make sanitize-engine:
+#                                    its tests in a build that watches memory and undefined
+#                                    behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make bench                       speeds as ratios to a named baseline
 PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
@@ -75,7 +76,7 @@ sanitize-engine: $(READY)
 	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)
 	@nm -D $(SANITIZED)/designrl/engine/_native*.so | grep -q __asan_init
 	@cd $(SANITIZED) && ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so)" \
-	  PYTHONPATH=. $(CURDIR)/$(BIN)/python -m pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py
+	  PYTHONPATH=. $(CURDIR)/$(BIN)/python -m pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py $(CURDIR)/tests/test_vector_envs.py
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py

@@ -1,6 +1,6 @@
 """Compares the vector environments with SyncVectorEnv over single ones, in every output.
 
-`python -m designrl.engine.verify` runs it, 100,000 steps for each case.
+`python -m designrl.engine.verify` runs it.
 """
 
 from dataclasses import dataclass, field

@@ -216,7 +216,11 @@ class EngineVectorEnv(VectorEnv):
     def _checked_designs(self, design) -> np.ndarray:
         """(N, D) scales."""
         space, count = self._design_space, self.num_envs
-        if np.ndim(design) != 2:
+        try:
+            each = np.ndim(design[0]) > 0
+        except (TypeError, IndexError, KeyError):
+            each = False
+        if not each:
             return np.tile(space.validate(design), (count, 1))
         if len(design) != count:
             raise InputError(f"there are {len(design)} designs for {count} environments")
@@ -230,10 +234,10 @@ class EngineVectorEnv(VectorEnv):
 
     def _checked_seeds(self, seed) -> list[int | None]:
         count = self.num_envs
-        if seed is None or isinstance(seed, int):
-            seeds = [None if seed is None else seed + i for i in range(count)]
-        else:
+        if isinstance(seed, list | tuple | np.ndarray):
             seeds = list(seed)
+        else:
+            seeds = [seed + i if isinstance(seed, int) else seed for i in range(count)]
         if len(seeds) != count:
             raise InputError(f"there are {len(seeds)} seeds for {count} environments")
         for i, found in enumerate(seeds):
