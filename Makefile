@@ -2,6 +2,7 @@
 #   make reproduce                   all tables, figures and the report, as far as out of date
 #   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
+#   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
 #   make gallery                     looping pictures of each experiment's best agent
 #   make test                        the test suite
 #   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
@@ -18,7 +19,7 @@ READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 ENGINE_SOURCES := setup.py $(shell find designrl/engine/native -type f)
 
-export ZOO
+export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 

@@ -23,6 +23,7 @@ class Evaluation:
         steps: (E,) int64 lengths.
         design: (D,) scales of the body, or None where it is the original.
         seconds: wall time.
+        backend: that played them, "engine" or "reference".
     """
 
     experiment: str
@@ -31,6 +32,7 @@ class Evaluation:
     steps: np.ndarray
     design: np.ndarray | None
     seconds: float
+    backend: str = "reference"
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
@@ -46,6 +48,7 @@ class Evaluation:
             "steps": int(self.steps.sum()),
             "design": None if self.design is None else self.design.tolist(),
             "seconds": self.seconds,
+            "backend": self.backend,
         }
 
 
@@ -99,4 +102,5 @@ def evaluate(
         result.steps[0],
         agent.design,
         time.perf_counter() - start,
+        simulator.backend,
     )

@@ -11,14 +11,13 @@ VERSION = "0.1.0"
 LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
 # What a score depends on; the rest (recordings, viewer, command line) may change without it.
 _SCORING_SOURCES = ("bodies", "design.py", "engine", "envs", "experiments.py", "policy.py")
-_SCORING_SOURCES += ("simulation.py",)
+_SCORING_SOURCES += ("evaluation.py", "simulation.py", "workers.py")
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of this package, of its sources and of the libraries that scores depend on."""
-    found = {name: importlib.metadata.version(name) for name in LIBRARIES}
-    return {"designrl": VERSION, "sources": sources_hash(), **found}
+    """Versions of this package and of the libraries that scores depend on."""
+    return {"designrl": VERSION} | {name: importlib.metadata.version(name) for name in LIBRARIES}
 
 
 @cache

@@ -28,7 +28,7 @@ from designrl import checkpoint
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
-from designrl.provenance import processor, versions
+from designrl.provenance import processor, sources_hash, versions
 from designrl.recording import RunWriter, record_rollout
 from designrl.reinforce import Reinforce
 from designrl.settings import TrainSettings
@@ -317,7 +317,8 @@ class TrainingRun:
             "experiment": self.experiment.name,
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
-            "versions": json.dumps(versions(), sort_keys=True),
+            # Not in the checkpoint: its bytes stay those of any code that computes the same.
+            "versions": json.dumps({**versions(), "sources": sources_hash()}, sort_keys=True),
             "host": f"{platform.system()} {processor()}, {os.cpu_count()} cores",
             "python": platform.python_version(),
             "command": self.settings.command(),

@@ -153,9 +153,15 @@ class ProcessWorkers:
     def _start(self) -> ProcessPoolExecutor:
         if not self._pools:
             self._theirs, self._lifeline = self._context.Pipe(duplex=False)
-        pool = ProcessPoolExecutor(1, self._context, _begin, (self._theirs,))
-        self._pools[pool] = pool.submit(int)
-        return pool
+        for attempt in range(MAX_FAILURES):
+            pool = ProcessPoolExecutor(1, self._context, _begin, (self._theirs,))
+            try:
+                self._pools[pool] = pool.submit(int)
+                return pool
+            except ConnectionError:  # what forks them was killed this moment; it starts again
+                pool.shutdown()
+                time.sleep(attempt)
+        raise InputError(NO_START)
 
     def close(self) -> None:
         """End the processes, whatever they do."""

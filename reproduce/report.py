@@ -197,7 +197,7 @@ def main() -> list[Path]:
     """Write the report; returns its files."""
     made = [(item, m.tables()) for item, m in MODULES.items() if hasattr(m, "tables")]
     tables = {table.name: (item, table) for item, found in made for table in found}
-    ours = {name: list(scores.by_source(name)["ours"].values()) for name in EXPERIMENTS}
+    ours = {name: list(s["ours"].values()) for name, s in scores.by_source(*EXPERIMENTS).items()}
     parts = {
         "answer": does_a_learned_body_help(tables["statistics"][1].records),
         "costs": costs(ours),

@@ -1,7 +1,9 @@
 """Scores of our checkpoints and of the author's, each computed once and kept.
 
-A score is kept in .cache/scores under a name made of all that it depends on: the file's hash, the
-experiment, seed, episodes, and the versions of the code and of its libraries.
+The engines play the episodes and the reference environments some of them again; a difference ends
+the program. With BACKEND=reference the reference plays them all. A score is kept in .cache/scores
+under a name made of all that it depends on: the file's hash, the experiment, seed, episodes,
+backend, and the versions of the code and of its libraries.
 """
 
 import hashlib
@@ -9,7 +11,8 @@ import json
 import os
 import sys
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,16 +21,20 @@ from tqdm import tqdm
 
 from designrl.checkpoint import load
 from designrl.errors import InputError
-from designrl.evaluation import evaluate
+from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
 from designrl.policy import Agent
-from designrl.provenance import versions
+from designrl.provenance import sources_hash, versions
 from designrl.published import file_name, published_runs
+from designrl.simulation import BACKENDS, Simulator
+from designrl.workers import ProcessWorkers
 
 ROOT = Path(__file__).resolve().parents[1]
 EPISODES = 100  # as the paper's tables
 SEED = 0
+AGAIN = slice(0, None, 20)  # of the episodes, those that the reference plays, too
+AGAIN_SECONDS = 600.0  # that these may take; they take a few
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,7 @@ class Score:
         sha256: of the file; empty where it could not be read.
         agent: None where the file cannot be used.
         returns: (E,) float64 of the episodes; None where none were asked for.
+        backend: that played them, where they were played now.
         problem: one sentence, or empty.
     """
 
@@ -46,6 +54,7 @@ class Score:
     sha256: str = ""
     agent: Agent | None = None
     returns: np.ndarray | None = None
+    backend: str = ""
     problem: str = ""
 
     @property
@@ -80,11 +89,23 @@ def used_versions() -> dict[str, str]:
     return {name: versions()[name] for name in names}
 
 
+def backend() -> str:
+    """What plays the episodes: BACKEND, by default the engines."""
+    name = os.environ.get("BACKEND") or "engine"
+    if name not in BACKENDS:
+        sys.exit(f"BACKEND={name}: it must be one of {', '.join(BACKENDS)}")
+    return name
+
+
 def scoring_note() -> str:
     """How scores were made, with versions."""
     used = ", ".join(f"{name} {version}" for name, version in used_versions().items())
     how = f"{EPISODES} episodes, evaluation seed {SEED}"
-    return f"Scored on the reference environments, {how}; {used}."
+    where = "reference environments"
+    if backend() == "engine":
+        again = len(range(EPISODES)[AGAIN])
+        where = f"engines; {again} of each {EPISODES} episodes on the reference, too, to the bit"
+    return f"Scored on the {where}; {how}; {used}."
 
 
 def paper() -> dict:
@@ -107,27 +128,79 @@ def load_design(path: Path, experiment: str) -> Score:
 
 
 def score(path: Path, experiment: str) -> Score:
-    """The scores of a checkpoint, from the cache or from the reference environment.
+    """The scores of one checkpoint; see `score_all`."""
+    return score_all([(path, experiment)])[0]
+
+
+def score_all(files: list[tuple[Path, str]]) -> list[Score]:
+    """The scores of checkpoints of experiments, from the cache or played.
 
     A checkpoint that cannot be used gives a Score with a `problem`; the rest goes on.
+
+    Raises:
+        InputError: engine and reference differ.
     """
-    s = load_design(path, experiment)
-    if s.problem:
-        return s
-    key = json.dumps([s.sha256, experiment, EPISODES, SEED, versions()])
-    name = hashlib.sha256(key.encode()).hexdigest()[:32]
-    kept = ROOT / ".cache" / "scores" / f"{name}.json"
-    try:
-        returns = np.array(json.loads(kept.read_text())["returns"], dtype=np.float64)
-        if returns.shape == (EPISODES,):
-            return replace(s, returns=returns)
-    except (OSError, ValueError, KeyError, TypeError):
-        pass  # a missing or damaged entry is computed
-    with tqdm(total=EPISODES, desc=shown(path), unit="episode", leave=False, disable=None) as bar:
+    found = [load_design(path, experiment) for path, experiment in files]
+    missing = {}
+    for i, s in enumerate(found):
+        if not s.problem:
+            kept = kept_at(s)
+            try:
+                returns = np.array(json.loads(kept.read_text())["returns"], dtype=np.float64)
+                found[i] = replace(s, returns=returns)
+            except (OSError, ValueError, KeyError, TypeError):
+                missing[i] = kept  # a missing or damaged entry is computed
+    total = len(missing) * EPISODES
+    with tqdm(total=total, unit="episode", leave=False, disable=None if missing else True) as bar:
         workers = len(os.sched_getaffinity(0))
-        returns = evaluate(s.agent, EPISODES, SEED, workers, "reference", bar.update).scores
-    write_atomically(kept, json.dumps({"key": key, "returns": returns.tolist()}).encode())
-    return replace(s, returns=returns)
+        for i in missing:
+            bar.set_postfix_str(shown(found[i].path))
+            result = evaluate(found[i].agent, EPISODES, SEED, workers, backend(), bar.update)
+            found[i] = replace(found[i], returns=result.scores, backend=result.backend)
+    compare_with_reference([found[i] for i in missing if found[i].backend == "engine"])
+    for i, kept in missing.items():
+        content = {"sha256": found[i].sha256, "returns": found[i].returns.tolist()}
+        write_atomically(kept, json.dumps(content).encode())
+    return found
+
+
+def kept_at(s: Score) -> Path:
+    """Where the scores of a checkpoint are kept."""
+    about = [s.sha256, s.agent.experiment.name, EPISODES, SEED, backend()]
+    key = json.dumps([*about, versions(), sources_hash()])
+    return ROOT / ".cache" / "scores" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
+
+
+def compare_with_reference(played: list[Score]) -> None:
+    """Play some of each checkpoint's episodes on the reference, and compare.
+
+    Raises:
+        InputError: a return differs.
+    """
+    tasks = [(i,) for i in range(len(played))]
+    workers = ProcessWorkers(min(len(os.sched_getaffinity(0)), len(played)))
+    agents = [(s.agent.experiment, s.agent.network, s.agent.parameters) for s in played]
+    with (
+        closing(workers),
+        tqdm(tasks, "on the reference, too", leave=False, disable=None if tasks else True) as bar,
+    ):
+        for i, returns in workers.run(on_reference, agents, tasks, AGAIN_SECONDS):
+            bar.update()
+            ours = played[i].returns[AGAIN]
+            for at in np.flatnonzero(ours != returns):
+                raise InputError(
+                    f"{shown(played[i].path)}: episode {range(EPISODES)[AGAIN][at]} of evaluation "
+                    f"seed {SEED} has {ours[at]!r} on the engine and {returns[at]!r} on the "
+                    "reference; score with BACKEND=reference, and report it"
+                )
+
+
+def on_reference(about: tuple) -> np.ndarray:
+    """The returns of some episodes of an agent in the reference environment."""
+    experiment, network, parameters = about
+    with Simulator(experiment, "reference", network) as simulator:
+        seeds = episode_seeds(SEED, EPISODES)[AGAIN]
+        return simulator.rollout(parameters[None], seeds[None]).returns[0]
 
 
 def usable(found: Iterable[Score]) -> list[Score]:
@@ -160,24 +233,36 @@ def authors(experiment: str) -> dict[int, Path]:
     return {1: Path(file_name(experiment))} | published_runs(zoo(), experiment)
 
 
-def by_source(experiment: str) -> dict[str, dict[int, Score]]:
-    """Our runs, numbered from 1, as "ours"; with ZOO also the "author's weights"."""
-    found = {"ours": dict(enumerate(pretrained(experiment), 1))}
+def by_source(*experiments: str) -> dict[str, dict[str, dict[int, Score]]]:
+    """Of each experiment our runs, numbered from 1, as "ours"; with ZOO the "author's weights"."""
+    paths = {name: {"ours": dict(enumerate(pretrained(name), 1))} for name in experiments}
     if zoo():
-        found["author's weights"] = authors(experiment)
+        for name, sources in paths.items():
+            sources["author's weights"] = authors(name)
+    files = [
+        (path, name)
+        for name, sources in paths.items()
+        for runs in sources.values()
+        for path in runs.values()
+    ]
+    found = dict(zip(files, score_all(files), strict=True))
     return {
-        source: {run: score(path, experiment) for run, path in paths.items()}
-        for source, paths in found.items()
+        name: {
+            source: {run: found[path, name] for run, path in runs.items()}
+            for source, runs in sources.items()
+        }
+        for name, sources in paths.items()
     }
 
 
-def by_label(experiment: str, read: Callable[[Path, str], Score] = score) -> dict[str, Score]:
-    """Our runs, "ours, seed 0" for instance, and with ZOO the author's run 1; read by `read`."""
-    ours = [read(path, experiment) for path in pretrained(experiment)]
-    found = {f"ours, {s.run}": s for s in ours}
-    if zoo():
-        found["author's weights"] = read(authors(experiment)[1], experiment)
-    return found
+def by_label(experiment: str, scored: bool = True) -> dict[str, Score]:
+    """Our runs, "ours, seed 0" for instance, and with ZOO the author's run 1."""
+    paths = pretrained(experiment) + ([authors(experiment)[1]] if zoo() else [])
+    files = [(path, experiment) for path in paths]
+    found = score_all(files) if scored else [load_design(*file) for file in files]
+    ours = len(pretrained(experiment))
+    labels = [f"ours, {s.run}" for s in found[:ours]] + ["author's weights"]
+    return dict(zip(labels, found, strict=False))
 
 
 def representative(experiment: str, rank: int = 0) -> Score | None:
@@ -188,7 +273,8 @@ def representative(experiment: str, rank: int = 0) -> Score | None:
     paths = pretrained(experiment)
     if zoo():
         paths, rank = [p for run, p in authors(experiment).items() if run == (1, 9)[rank]], 0
-    found = sorted(usable(score(path, experiment) for path in paths), key=lambda s: -s.mean)
+    found = usable(score_all([(path, experiment) for path in paths]))
+    found.sort(key=lambda s: -s.mean)
     return found[rank] if len(found) > rank else None
 
 

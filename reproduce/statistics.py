@@ -184,9 +184,9 @@ def intervals(means: Means, ours: list[scores.Score]) -> Table:
 def tables() -> list[Table]:
     """Both tables."""
     means, ours = {}, []
-    for name in EXPERIMENTS:
+    for name, sources in scores.by_source(*EXPERIMENTS).items():
         means[name] = {PAPER: np.array(scores.paper()["table4"][name], dtype=float)}
-        for source, runs in scores.by_source(name).items():
+        for source, runs in sources.items():
             means[name][source] = np.array([s.mean for s in scores.usable(runs.values())])
             ours += runs.values() if source == "ours" else ()
     return [pairs(means, ours), intervals(means, ours)]

@@ -27,7 +27,7 @@ def percentages(scales: np.ndarray) -> np.ndarray:
 def tables() -> list[Table]:
     """The table."""
     printed = scores.paper()["table1"]
-    found = scores.by_label(EXPERIMENT, scores.load_design)
+    found = scores.by_label(EXPERIMENT, scored=False)
     bodies = {PAPER: np.array([printed[part] for part in ANT_PARTS], dtype=float)}
     bodies |= {label: percentages(s.agent.design) for label, s in found.items() if s.agent}
 

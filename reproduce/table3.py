@@ -44,9 +44,10 @@ def tables() -> list[Table]:
     if scores.zoo():
         header += ["Author's weights, here", "of runs (the paper's mean of these)"]
     rows, records, used = [], [], []
+    runs_of = scores.by_source(*EXPERIMENTS)
     for name, experiment in EXPERIMENTS.items():
         rows += [None] if experiment.letter in "cf" else []
-        found = scores.by_source(name)
+        found = runs_of[name]
         used += [s for runs in found.values() for s in runs.values()]
         ours = found["ours"].values()
         means, stds = [s.mean for s in usable(ours)], [s.std for s in usable(ours)]

@@ -15,7 +15,7 @@ READS = tuple(EXPERIMENTS)
 def tables() -> list[Table]:
     """The table."""
     printed = scores.paper()["table4"]
-    found = {name: scores.by_source(name) for name in EXPERIMENTS}
+    found = scores.by_source(*EXPERIMENTS)
     runs = max(RUNS, *(len(sources["ours"]) for sources in found.values()))
     rows, records, seeds, used = [], [], [], []
     for name, sources in found.items():

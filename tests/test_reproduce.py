@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from designrl.checkpoint import load, save
+from designrl.errors import InputError
 from designrl.evaluation import Evaluation, evaluate
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash, write_atomically
@@ -75,6 +76,29 @@ def pretrain(project, experiment: str, name: str = "seed0", seed: int = 0):
     path.parent.mkdir(parents=True, exist_ok=True)
     save(random_agent(experiment, seed), path)
     return path
+
+
+# -------------------------------------------------------------------------------------- scores
+
+
+def test_scores_of_the_engine_are_those_of_the_reference_or_none(project, monkeypatch):
+    path = pretrain(project, "biped")
+    monkeypatch.setattr(scores, "evaluate", evaluate)
+    assert scores.score(path, "biped").backend == "engine"
+    shutil.rmtree(project / ".cache")
+
+    def wrong(*args):
+        result = evaluate(*args)
+        result.scores[20] += 1e-9
+        return result
+
+    monkeypatch.setattr(scores, "evaluate", wrong)
+    with pytest.raises(InputError, match="seed0.safetensors: episode 20 of evaluation seed 0"):
+        scores.score(path, "biped")
+    assert not list((project / ".cache").rglob("*.json"))
+    monkeypatch.setenv("BACKEND", "reference")
+    monkeypatch.setattr(scores, "evaluate", evaluate)
+    assert scores.score(path, "biped").backend == "reference"
 
 
 # ------------------------------------------------------------------------------- what is committed

@@ -48,7 +48,7 @@ def test_a_runs_folder_holds_what_the_design_says(undisturbed):
     assert agent.metadata["seed"] == 0
     assert agent.metadata["settings"]["population"] == 4
     assert agent.metadata["generation"] in (2, 4, 5)
-    assert {"designrl", "box2d-py", "sources"} <= agent.metadata["versions"].keys()
+    assert {"designrl", "box2d-py"} <= agent.metadata["versions"].keys()
     np.testing.assert_array_equal(agent.parameters, agent.parameters.round(4))
     text = describe(undisturbed / "state.safetensors")
     assert "biped-morphology" in text and "generation       5\n" in text
