@@ -4,6 +4,9 @@
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
 #   make gallery                     looping pictures of each experiment's best agent
+#   make transfer                    PPO on original and learned bodies (examples/ppo.py), the curves
+#                                    that make reproduce-transfer draws; those there are kept. Hours:
+#                                    make -j2 transfer for two at a time
 #   make test                        the test suite
 #   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
 #                                    million steps of vector environments; make sanitize-engine:
@@ -23,7 +26,7 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce FORCE gallery verify-engine sanitize-engine verify-resume \
+.PHONY: setup test bench lint reproduce transfer FORCE gallery verify-engine sanitize-engine verify-resume \
   fuzz clean
 
 setup: $(READY)
@@ -62,6 +65,20 @@ reproduce: $(READY)
 # Which items there are, the program knows (reproduce/build.py).
 reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
+
+FLAT_BODY := pretrained/biped-morphology/seed7.safetensors
+HARDCORE_BODY := pretrained/biped-hardcore-morphology/seed15.safetensors
+CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@
+transfer: $(foreach seed,0 1 2 3 4,$(foreach body,original learned, \
+  $(foreach task,flat hardcore,paper/transfer/$(task)/$(body)/seed$(seed).csv)))
+paper/transfer/flat/original/seed%.csv: | $(READY)
+	$(CURVE)
+paper/transfer/flat/learned/seed%.csv: | $(READY)
+	$(CURVE) --design $(FLAT_BODY)
+paper/transfer/hardcore/original/seed%.csv: | $(READY)
+	$(CURVE) --hardcore --steps 20000000
+paper/transfer/hardcore/learned/seed%.csv: | $(READY)
+	$(CURVE) --hardcore --steps 20000000 --design $(HARDCORE_BODY)
 
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
