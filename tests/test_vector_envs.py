@@ -1,5 +1,8 @@
 """The vector environments: SyncVectorEnv's bits in every output, or one clear error."""
 
+import os
+from contextlib import suppress
+
 import gymnasium
 import numpy as np
 import pytest
@@ -232,6 +235,20 @@ def test_steps_out_of_order_are_refused():
             call()
 
 
+def test_a_forks_environments_are_not_stepped_and_its_end_is_no_hang():
+    env = make(threads=2)
+    env.reset(seed=0)
+    child = os.fork()
+    if child == 0:
+        with suppress(InputError):
+            env.step(env.action_space.sample())
+            os._exit(1)
+        env.close()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    env.step(env.action_space.sample())
+
+
 def test_an_episode_beyond_the_capacities_is_an_error_and_no_result():
     env = make(num_envs=70)
     wide = np.ones((70, 8))
@@ -239,6 +256,8 @@ def test_an_episode_beyond_the_capacities_is_an_error_and_no_result():
     env._design[:] = wide
     with pytest.raises(InputError, match="environment 66 has more contacts than"):
         run(env, 200)
+    with pytest.raises(ResetNeeded):
+        env.step(env.action_space.sample())
     env.reset(seed=0, options={"design": np.ones(8)})
     fresh = make(num_envs=70)
     assert difference(run(env), run(fresh)) is None

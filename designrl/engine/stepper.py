@@ -89,7 +89,7 @@ class Stepper(AbstractContextManager):
         threads: int | None = None,
         isa: str | None = None,
     ):
-        self._stepper = None
+        self._stepper, self._process = None, os.getpid()
         library = _library()
         *counts, flags = _find(task)
         self.count = count
@@ -177,6 +177,8 @@ class Stepper(AbstractContextManager):
         return steps
 
     def _run(self) -> None:
+        if os.getpid() != self._process:  # a fork has not its threads
+            raise InputError("these environments are another process's; make them in this one")
         self._call(self._stepper, ctypes.byref(self._fields))
         if self._failed.any():
             index = int(np.argmax(self._failed))
@@ -188,9 +190,9 @@ class Stepper(AbstractContextManager):
 
     def close(self) -> None:
         """Free the environments; they are not to be used any more."""
-        if self._stepper:
+        if self._stepper and os.getpid() == self._process:
             self._free(self._stepper)
-            self._stepper = None
+        self._stepper = None
 
     __del__ = close
 

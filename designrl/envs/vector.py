@@ -6,7 +6,10 @@
 give the bits of.
 """
 
+import operator
+import secrets
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import gymnasium
@@ -32,6 +35,13 @@ _MODES = {
 def no_engine(reason: str) -> InputError:
     """To be raised where the engine cannot run."""
     return InputError(f'{reason}; vectorization_mode="sync" runs the single environments')
+
+
+def _count(name: str, value) -> int:
+    with suppress(TypeError):
+        if (count := operator.index(value)) > 0:
+            return count
+    raise InputError(f"{name} is {value!r}; it must be a whole number from 1 on")
 
 
 class EngineVectorEnv(VectorEnv):
@@ -81,15 +91,10 @@ class EngineVectorEnv(VectorEnv):
             raise no_engine(reason)
         if render_mode is not None:
             raise InputError('the engine does not render; vectorization_mode="sync" does')
-        counts = {"num_envs": num_envs, "max_episode_steps": task.max_steps}
-        if threads is not None:
-            counts["threads"] = threads
-        if task.max_steps == -1:
-            task = replace(task, max_steps=NO_LIMIT)
-            del counts["max_episode_steps"]
-        for name, count in counts.items():
-            if not isinstance(count, int) or count < 1:
-                raise InputError(f"{name} is {count!r}; it must be a whole number from 1 on")
+        num_envs = _count("num_envs", num_envs)
+        threads = None if threads is None else _count("threads", threads)
+        limit = task.max_steps
+        limit = NO_LIMIT if limit == -1 else _count("max_episode_steps", limit)
         self.num_envs = num_envs
         self.metadata = {"render_modes": [], "autoreset_mode": AutoresetMode(autoreset_mode)}
         self.single_observation_space, self.single_action_space = spaces
@@ -101,6 +106,7 @@ class EngineVectorEnv(VectorEnv):
             self._design = self._checked_designs(design)
         self._seeds: list[int | None] = [None] * num_envs
         self._ended: np.ndarray | None = None  # (N,) in the last step; None before the first reset
+        task = replace(task, max_steps=limit)
         self._stepper = Stepper(task, num_envs, _MODES[self._mode], reward_factor, threads)
 
     @property
@@ -125,18 +131,17 @@ class EngineVectorEnv(VectorEnv):
         if options.get("design") is not None:
             changed = self._checked_designs(options["design"])
             design = np.where(mask[:, None], changed, design)
-        fresh = np.random.SeedSequence().generate_state(self.num_envs, np.uint64).tolist()
         for i in np.flatnonzero(mask):
             if seeds[i] is None and self._seeds[i] is None:
-                seeds[i] = fresh[i]
-        self._design = design
+                seeds[i] = secrets.randbits(64)
+        ended, self._ended = self._ended, None  # should it fail, all are to be reset
         observations = self._stepper.reset(design, seeds, mask)
+        self._design = design
         self._seeds = [
             old if new is None or not started else new
             for old, new, started in zip(self._seeds, seeds, mask, strict=True)
         ]
-        ended = np.zeros(self.num_envs, dtype=bool) if self._ended is None else self._ended
-        self._ended = ended & ~mask
+        self._ended = ~mask if ended is None else ended & ~mask
         return observations, {}
 
     def step(self, actions):
@@ -159,10 +164,11 @@ class EngineVectorEnv(VectorEnv):
                 f"the episode of environment {np.argmax(self._ended)} has ended: reset it (with "
                 'options={"reset_mask": ...}), or choose an autoreset_mode'
             )
-        steps = self._stepper.step(self._checked_actions(actions))
-        observations, rewards, terminated, truncated, terms = steps
+        actions = self._checked_actions(actions)
+        before, self._ended = self._ended, None  # should it fail, all are to be reset
+        observations, rewards, terminated, truncated, terms = self._stepper.step(actions)
         ended = terminated | truncated
-        infos, live = {}, ~self._ended  # the others were reset
+        infos, live = {}, ~before  # the others were reset
         if self._mode == AutoresetMode.SAME_STEP:
             live = ~ended
             if ended.any():
@@ -186,10 +192,10 @@ class EngineVectorEnv(VectorEnv):
         for i in np.flatnonzero(ended):
             final_obs[i] = self._stepper.final_observations[i].copy()
         final_info = {}
-        self._add_terms(final_info, np.where(ended, terms, 0.0), ended)
+        self._add_terms(final_info, np.where(ended, terms, 0.0), ended.copy())
         return {
             "final_obs": final_obs,
-            "_final_obs": ended,
+            "_final_obs": ended.copy(),
             "final_info": final_info,
             "_final_info": ended.copy(),
         }

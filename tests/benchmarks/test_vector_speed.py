@@ -3,8 +3,8 @@
     make bench
 
 All take random actions from one array and begin again where an episode ends. EnvPool's walker is
-Gymnasium's task in C++, its Ant-v4 MuJoCo's ant: another body in another simulator, but the ant that
-people train on. It is not one of the pinned libraries: pip install envpool==1.2.5.
+Gymnasium's task in C++; its Ant-v4 is MuJoCo's, another ant in another simulator, which people
+train on. EnvPool is not one of the pinned libraries: pip install envpool==1.2.5.
 """
 
 from functools import partial
