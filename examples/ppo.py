@@ -100,7 +100,8 @@ def train(
     tests = VecNormalize(tests, training=False, norm_reward=False)
     # A training shorter than one rollout gets a shorter rollout.
     settings = settings | {"n_steps": max(2, min(settings["n_steps"], steps // num_envs))}
-    model = PPO("MlpPolicy", env, seed=seed, device="cpu", **settings)
+    adam = {"optimizer_kwargs": {"eps": 1e-5, "fused": True}}  # the usual one, in fewer calls
+    model = PPO("MlpPolicy", env, seed=seed, device="cpu", policy_kwargs=adam, **settings)
     evaluations = Evaluations(tests, steps // EVALUATIONS)
     model.learn(steps, callback=evaluations)
     return evaluations.rows
