@@ -1,5 +1,7 @@
 // The library's interface, plain C for ctypes: picks the task and the instruction set and runs the
 // threads. Compiled for the baseline, so that it runs on any x86-64.
+#include <sys/mman.h>
+
 #include <atomic>
 #include <cstdlib>
 #include <cstring>
@@ -59,11 +61,17 @@ const TaskEntry* find_task(const Variant* variant, const char* name) {
   return nullptr;
 }
 
-// Zero bytes, aligned to 64; null if there is no memory.
+constexpr size_t kHugePage = 2 << 20;  // bytes
+
+// Zero bytes, aligned to 64; null if there is no memory. Much of it comes in huge pages: a world is
+// walked all over, and the processor's list of small pages does not hold many worlds.
 void* allocate(size_t bytes) {
-  bytes = (bytes + 63) / 64 * 64;
-  void* memory = std::aligned_alloc(64, bytes);
-  return memory ? std::memset(memory, 0, bytes) : nullptr;
+  const size_t alignment = bytes < kHugePage ? 64 : kHugePage;
+  bytes = (bytes + alignment - 1) / alignment * alignment;
+  void* memory = std::aligned_alloc(alignment, bytes);
+  if (!memory) return nullptr;
+  if (alignment == kHugePage) madvise(memory, bytes, MADV_HUGEPAGE);  // refused: nothing is lost
+  return std::memset(memory, 0, bytes);
 }
 
 void work(const TaskEntry& task, Batch& batch, int64_t share) {
