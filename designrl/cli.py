@@ -57,8 +57,11 @@ def _train(args) -> None:
 
     run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
     if run.finished:
-        done = run.progress.generation
-        print(f"{out} has {done} generations; give --generations more than that to go on")
+        done, stop = run.progress.generation, settings.stop_score
+        more = "give --generations more than that to go on"
+        if done < settings.generations:
+            more = f"it has reached the score of {stop:g} at which it was to end"
+        print(f"{out} has {done} generations; {more}")
         return
     if args.dry_run:
         from designrl.plan import dry_run

@@ -96,6 +96,9 @@ class TrainSettings(ReinforceSettings):
         "what is evaluated and kept: the generation's best candidate ('best', as published) or the "
         "distribution's mean ('mean')",
     )
+    stop_score: float | None = _setting(
+        None, "end the run when an evaluation has this mean, in points (default: never)"
+    )
 
     @classmethod
     def of(cls, experiment: str | Experiment, recipe: str = "paper", **changes) -> "TrainSettings":
@@ -125,6 +128,8 @@ class TrainSettings(ReinforceSettings):
             self._check(name, 1)
         if self.evaluation_episodes is not None:
             self._check("evaluation_episodes", 1)
+        if self.stop_score is not None:
+            self._check("stop_score", -1e9, 1e9)
         self._check("weight_decay", 0, 10_000)
         for name in ("learning_rate_floor", "sigma_floor", "sigma_change_max"):
             self._check(name, 0, 10)

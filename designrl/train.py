@@ -131,8 +131,10 @@ class TrainingRun:
 
     @property
     def finished(self) -> bool:
-        """All generations are done."""
-        return self.progress.generation >= self.settings.generations
+        """All generations are done, or an evaluation has reached the settings' `stop_score`."""
+        best, stop = self.progress.best_score, self.settings.stop_score
+        solved = stop is not None and best is not None and best >= stop
+        return solved or self.progress.generation >= self.settings.generations
 
     def candidates(self) -> np.ndarray:
         """(N, P) candidates of the next generation."""

@@ -2,9 +2,9 @@
 
     python -m reproduce.publish runs/biped-morphology/seed0
 
-Published are pretrained/EXPERIMENT/seedK.safetensors with a card (.md) and a learning curve
-(.png), and in logs/EXPERIMENT/seedK/ the recording with generations dropped (never rounded) and
-three of its rollouts.
+Published are pretrained/EXPERIMENT/seedK.safetensors with a card (.md) and a learning curve (.svg),
+and in logs/EXPERIMENT/seedK/ the recording with generations dropped (never rounded) and the first
+steps of a rollout of the agent; all that the run's folder holds is not needed again.
 """
 
 import argparse
@@ -20,13 +20,13 @@ from designrl.checkpoint import load
 from designrl.errors import InputError
 from designrl.files import write_atomically
 from designrl.policy import Agent
-from designrl.recording import read, thin
+from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
 from reproduce import drawing, figure5, scores
 from reproduce.runs import Run, read_run, recording_of
 from reproduce.scores import Score
 
-KEPT_GENERATIONS = 40  # about as many stay in a published recording
+ROLLOUT_STEPS = 70  # recorded of the agent: enough to see its gait, small enough to commit
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -43,47 +43,37 @@ def main(argv: list[str] | None = None) -> None:
         sys.exit(f"publish: {error}")
 
 
-def publish(run: Path, replace: bool = False) -> str:
+def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
     """Check the run, then write all that is published of it; returns what was written.
+
+    Args:
+        run: its folder.
+        replace: also where another run of that name is published.
+        name: of the files; by default "seedK".
 
     Raises:
         InputError: the run is damaged, or another one is published; nothing has been changed.
     """
     agent = load(run / "best.safetensors")
-    recording = read(run / "generations.mcap")
-    recorded = read_run(recording.path)
-    rollouts = sorted((run / "rollouts").glob("*.mcap"))
-    best = run / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
-    if best not in rollouts:
-        raise InputError(f"{best} is missing; it is the kept agent's rollout")
-    name = f"seed{agent.metadata['seed']}.safetensors"
-    checkpoint = scores.ROOT / "pretrained" / agent.experiment.name / name
+    recorded = read_run(run / "generations.mcap")
+    name = name or f"seed{agent.metadata['seed']}"
+    checkpoint = scores.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
     content = (run / "best.safetensors").read_bytes()
     if checkpoint.exists() and checkpoint.read_bytes() != content and not replace:
         raise InputError(f"{checkpoint} is of another run; add --replace to publish this one")
     log = recording_of(checkpoint).parent
-    shutil.rmtree(log / "rollouts", ignore_errors=True)
-    (log / "rollouts").mkdir(parents=True)
-    every = max(1, len(recording.generations) // KEPT_GENERATIONS)
-    thin(recording.path, log / "generations.mcap", every=every)
-    evaluated, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
-    between = halfway(rollouts[: rollouts.index(best) + 1], evaluated, means)
-    for path in {rollouts[0], between, best}:
-        shutil.copyfile(path, log / "rollouts" / path.name)
+    shutil.rmtree(log, ignore_errors=True)
+    log.mkdir(parents=True)
+    thin(run / "generations.mcap", log / "generations.mcap")
+    rollout = log / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
+    record_rollout(agent, rollout, scores.SEED, steps=ROLLOUT_STEPS)
     write_atomically(checkpoint, content)
-    curve = learning_curve(recorded, agent)
-    curve.savefig(checkpoint.with_suffix(".png"), dpi=150, metadata={"Software": None})
+    learning_curve(recorded, agent).savefig(
+        checkpoint.with_suffix(".svg"), metadata={"Date": None}, dpi=120
+    )
     text = card(scores.score(checkpoint, agent.experiment.name), recorded)
     write_atomically(checkpoint.with_suffix(".md"), text.encode())
     return f"{checkpoint}, its card, its curve and {log} written"
-
-
-def halfway(rollouts: list[Path], evaluated: np.ndarray, means: np.ndarray) -> Path:
-    """Of a run's rollouts, the one whose evaluation is nearest to the middle of first and last."""
-    at = [int(path.stem.removeprefix("generation")) for path in rollouts]
-    # Between evaluations, too: a rollout that was recorded afterwards had none of its own.
-    score = np.interp(at, evaluated + 1, means)
-    return rollouts[np.argmin(np.abs(score - (score[0] + score[-1]) / 2))]
 
 
 def learning_curve(run: Run, agent: Agent) -> Figure:
@@ -122,7 +112,7 @@ def card(s: Score, run: Run) -> str:
         f"the agent after number {m['generation']:,} is kept ({m['environment_steps']:,} steps): "
         f"the one with the best evaluation during training ({m['score']:.1f} over "
         f"{m['score_episodes']} episodes{factor}).",
-        f"![Learning curve]({s.path.stem}.png)",
+        f"![Learning curve]({s.path.stem}.svg)",
     ]
     if design is not None:
         parts: dict[str, dict[str, str]] = {}  # "top leg 1" -> "width" -> text

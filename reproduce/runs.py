@@ -34,7 +34,7 @@ class Run:
         mean, sd: (G,) points, over the population, with training's changes of the reward.
         tested: (E,) which generations were evaluated, as indices into the others.
         scores: (E,) points, mean over each evaluation's episodes.
-        episodes: of an evaluation, as text: "200", or "200–1000" where that changed.
+        episodes: of an evaluation, at most.
     """
 
     host: str
@@ -46,7 +46,7 @@ class Run:
     sd: np.ndarray
     tested: np.ndarray
     scores: np.ndarray
-    episodes: str
+    episodes: int
 
     def solved_at(self) -> int | None:
         """Index of the generation before the first evaluation of SOLVED; None without one."""
@@ -66,10 +66,10 @@ def read_run(path: Path) -> Run:
         raise InputError(f"{path} holds no generation; train further")
     names = ("total_steps", "seconds", "cpu_seconds", "mean", "sd")
     steps, seconds, cpu_seconds, mean, sd = (recording.array("/summary", name) for name in names)
-    tested, means, counts = np.empty(0, np.uint32), np.empty(0), {0}
+    tested, means, counts = np.empty(0, np.uint32), np.empty(0), [0]
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
-        counts = {len(row) for row in recording.array("/evaluation", "scores")}
+        counts = [len(row) for row in recording.array("/evaluation", "scores")]
     return Run(
         host=recording.metadata.get("host", "an unknown machine"),
         generation=generation,
@@ -80,5 +80,5 @@ def read_run(path: Path) -> Run:
         sd=sd,
         tested=np.searchsorted(generation, tested).clip(max=len(generation) - 1),
         scores=means,
-        episodes="–".join(map(str, sorted({min(counts), max(counts)}))),
+        episodes=max(counts),
     )

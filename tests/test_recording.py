@@ -382,7 +382,7 @@ def test_a_full_disk_is_one_sentence_and_costs_no_generation(tmp_path, monkeypat
 
 def test_what_cannot_be_recorded_is_refused_and_leaves_no_file(rollout, tmp_path, monkeypatch):
     with pytest.raises(RecordingError, match=r"generations\.mcap"):
-        thin(rollout, tmp_path / "thin.mcap", every=2)
+        thin(rollout, tmp_path / "thin.mcap")
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match=r"file/run\.mcap cannot be written"):
         RunWriter(tmp_path / "file" / "run.mcap", ABOUT)
@@ -398,33 +398,27 @@ def test_what_cannot_be_recorded_is_refused_and_leaves_no_file(rollout, tmp_path
 # ----------------------------------------------------------------------------- thinning
 
 
-@pytest.mark.parametrize(
-    ("every", "kept", "designs"),
-    [(5, [0, 5, 10, 11], [*range(12)]), (60, [0, 11], [0, 6, 11])],  # designs: ten times as many
-)
-def test_thinning_drops_generations_and_rounds_nothing(every, kept, designs, run, tmp_path):
+def test_thinning_drops_messages_and_rounds_nothing(run, tmp_path):
     path = tmp_path / "thin.mcap"
-    thin(run, path, every)
+    keep = {"/distribution": 2, "/returns": 3, "/summary": 5, "/design": 60, "/evaluation": 1}
+    thin(run, path, keep)
     whole, thinned = read(run), read(path)
     for topic, field, rows in (
-        ("/distribution", "generation", kept),
-        ("/distribution", "mu", kept),
-        ("/distribution", "sigma", kept),
-        ("/returns", "returns", kept),
-        ("/design", "dimensions", designs),
-        ("/summary", "mean", slice(None)),
-        ("/evaluation", "scores", slice(None)),
+        ("/distribution", "generation", [0, 11]),
+        ("/distribution", "mu", [0, 11]),
+        ("/distribution", "sigma", [0, 11]),
+        ("/returns", "returns", [0, 6, 11]),
+        ("/summary", "mean", [0, 3, 6, 8, 11]),
+        ("/design", "dimensions", slice(None)),
+        ("/evaluation", "mean", slice(None)),
     ):
         assert np.array_equal(thinned.array(topic, field), whole.array(topic, field)[rows])
+    episodes = [len(row) for row in thinned.array("/evaluation", "scores")]
+    assert episodes == [len(whole.array("/evaluation", "scores")[0]), *[0] * (len(episodes) - 1)]
     record = dict(thinned.metadata_records)["thinned"]
-    found = [record[f"{key}_generations"] for key in ("kept", "of")]
-    assert found == [str(len(kept)), "12"] and record["every"] == str(every)
+    assert record["of_generations"] == "12" and '"/returns": 3' in record["kept"]
     assert thinned.complete and thinned.metadata == whole.metadata
     assert "thinned" in describe(path) and "missing" not in describe(path)
-    # Of a run that went on from a thinned one, the next that is there stands for a missing one.
-    thin(path, tmp_path / "again.mcap", every=20)
-    again = read(tmp_path / "again.mcap").array("/design", "generation")
-    assert again.tolist() == [i for i in designs if i % 2 == 0 or i == 11]
 
 
 # ---------------------------------------------------------------------------- rollouts

@@ -362,7 +362,7 @@ def test_learning_curve_is_the_recordings(trained, project, monkeypatch):
     shutil.copyfile(trained / "generations.mcap", path)
     run = runs.read_run(path)
     assert run.generation.tolist() == [0, 1, 2, 3, 4] and run.tested.tolist() == [1, 3, 4]
-    assert (np.diff(run.steps) > 0).all() and run.episodes == "4" and run.solved_at() is None
+    assert (np.diff(run.steps) > 0).all() and run.episodes == 4 and run.solved_at() is None
     assert build.make("figure5") and build.make("figure5") is None
     unknown = np.full(5, np.nan)
     for core_hours, axes in ((run.core_hours, figure5.AXES), (unknown, figure5.AXES[:2])):
@@ -392,10 +392,11 @@ def test_what_is_published_and_publishing_again_gives_the_same_files(published_r
     run, checkpoint = published_run
     before = contents(project)
     files = sorted(str(path.relative_to(project)) for path in before)
-    rollouts = [path for path in files if path.startswith("logs/biped/seed0/rollouts/")]
-    assert 1 <= len(rollouts) <= 3
-    card_and_curve = [f"pretrained/biped/seed0.{kind}" for kind in ("md", "png", "safetensors")]
-    assert files == ["logs/biped/seed0/generations.mcap", *rollouts, *card_and_curve]
+    rollout = (
+        f"logs/biped/seed0/rollouts/generation{load(checkpoint).metadata['generation']:05d}.mcap"
+    )
+    card_and_curve = [f"pretrained/biped/seed0.{kind}" for kind in ("md", "safetensors", "svg")]
+    assert files == ["logs/biped/seed0/generations.mcap", rollout, *card_and_curve]
     card = checkpoint.with_suffix(".md").read_text()
     assert "designrl train biped --recipe paper --seed 0 --generations 5" in card
     assert f"sha256 {file_hash(checkpoint)}" in card and str(project) not in card
@@ -409,30 +410,18 @@ def test_card_says_the_body_that_was_found():
     agent.metadata["settings"] = TrainSettings.of("ant-morphology").as_dict()
     s = scores.Score(Path("seed0.safetensors"), "", agent, returns)
     one = np.ones(1)
-    run = runs.Run("a machine", one, one, one, 2 * one, one, one, one, one, "4")
+    run = runs.Run("a machine", one, one, one, 2 * one, one, one, one, one, 4)
     card = publish.card(s, run)
     assert "2.00 core-hours" in card
     assert re.search(r"\| front left top +\| \d+ % \(0.\d+\)", card)
     assert card.count(" % (") == 36 and len(card.splitlines()) < 40, "it fits a screen"
 
 
-def test_the_rollout_between_is_half_way_up_not_half_way_through():
-    # An evaluation's generation is the last one before it.
-    evaluated, means = np.array([9, 19, 29, 39]), np.array([0.0, 140.0, 290.0, 300.0])
-    rollouts = [Path(f"generation{g:05d}.mcap") for g in (10, 20, 30, 40)]
-    assert publish.halfway(rollouts, evaluated, means) == rollouts[1]
-    later = Path("generation00021.mcap")  # recorded after training
-    assert publish.halfway([rollouts[0], later, *rollouts[2:]], evaluated, means) == later
-
-
-@pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap", "rollouts"])
+@pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap"])
 def test_a_damaged_run_leaves_what_is_published(published_run, project, name):
     run, _ = published_run
     before = contents(project)
-    if name == "rollouts":
-        shutil.rmtree(run / name)
-    else:
-        (run / name).write_bytes((run / name).read_bytes()[:20])
+    (run / name).write_bytes((run / name).read_bytes()[:20])
     with pytest.raises(SystemExit, match=rf"publish: .*{name}"):
         publish.main([str(run)])
     assert contents(project) == before

@@ -54,6 +54,16 @@ def test_a_runs_folder_holds_what_the_design_says(undisturbed):
     assert "biped-morphology" in text and "generation       5\n" in text
 
 
+def test_a_run_ends_with_the_evaluation_that_reaches_the_stop_score(tmp_path):
+    settings = TrainSettings.of(
+        "biped", population=4, rollouts=1, generations=6, evaluate_every=2, stop_score=-1000
+    )
+    run = TrainingRun(settings, tmp_path / "run")
+    run.run()
+    assert (run.finished, run.progress.generation) == (True, 2)
+    assert "--stop-score -1000" in settings.command()
+
+
 def test_the_kept_score_is_that_of_the_checkpoint(undisturbed):
     agent = load(undisturbed / "best.safetensors")
     recording = read(undisturbed / "generations.mcap")

@@ -13,7 +13,7 @@ from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
 from designrl.recording import schema_pb2 as schema
-from designrl.recording.mcap_file import END, ROLLOUT, RUN, RecordingError
+from designrl.recording.mcap_file import END, ROLLOUT, RUN, THINNED, RecordingError
 from designrl.recording.scan import Scan
 
 # Only messages that we know are decoded: definitions in a stranger's file are not followed.
@@ -243,7 +243,8 @@ def describe(path: str | Path) -> str:
             f"  generations {generations[0]} to {generations[-1]} ({len(generations)}); "
             f"population mean {mean:.1f} in the last, {steps:,} environment steps"
         )
-        if missing := int(generations.max()) + 1 - len(np.unique(generations)):
+        missing = int(generations.max()) + 1 - len(np.unique(generations))
+        if missing and THINNED not in dict(records):
             lines.append(f"  {missing} generations are missing")
     if recording.kind == RUN and topics.get("/evaluation"):
         scores = recording.array("/evaluation", "mean")

@@ -153,7 +153,9 @@ def _point_cloud(points: np.ndarray, colors: np.ndarray, now: int) -> PointCloud
     return cloud
 
 
-def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = None) -> float:
+def record_rollout(
+    agent, path: str | Path, seed: int, metadata: dict | None = None, steps: int | None = None
+) -> float:
     """Roll an agent out once, in its own body, and record that.
 
     Args:
@@ -162,8 +164,9 @@ def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = N
         seed: of the environment and of the policy's noise; `designrl.evaluation.episode_seeds`
             has those of an evaluation.
         metadata: what else to say of it.
+        steps: how many to record at most; None: the whole episode.
 
-    Returns: the score, without any training-time change of the reward.
+    Returns: the score of what is recorded, without any training-time change of the reward.
 
     Raises:
         InputError: the seed is negative.
@@ -185,5 +188,7 @@ def record_rollout(agent, path: str | Path, seed: int, metadata: dict | None = N
     with RolloutWriter(path, env, about) as writer:
         for step in agent.steps(env, observation):
             writer.step(step.observation, step.action, step.reward, step.info)
+            if step.t + 1 == steps:
+                break
     env.close()
     return writer.score

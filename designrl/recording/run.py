@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ from designrl.recording.mcap_file import (
 )
 from designrl.recording.reader import Recording, read
 
-# Nearly all of a run's bytes, and of how many times as many generations a thinned copy has them.
-HEAVY_TOPICS = {"/distribution": 1, "/returns": 1, "/design": 10}
+# Messages of a topic that a thinned copy has at most, or, of evaluations, those with episodes.
+KEPT = {"/distribution": 3, "/returns": 3, "/evaluation": 3, "/design": 40, "/summary": 500}
 
 
 class RunWriter:
@@ -55,7 +56,7 @@ class RunWriter:
             for name, values in records:
                 self._file.metadata(name, values)
             if old:
-                _copy(self._file, old, lambda topic, generation: generation < resume_generation)
+                _copy(self._file, old, lambda _, g, data: data if g < resume_generation else None)
             self._log_time = self._file.last_log_time
             self._file.publish()
         except BaseException:
@@ -186,52 +187,63 @@ def _gap(held, stop: int) -> str:
     return f"{len(missing)} of the generations {missing[0]} to {missing[-1]} are missing"
 
 
-def _copy(target: McapFile, source: Recording, keep) -> None:
-    """Copy the messages for which keep(topic, generation) holds."""
+def _copy(target: McapFile, source: Recording, copied) -> None:
+    """Copy each message as copied(topic, generation, data) has it; where that is None, not."""
     for channel in source.channels.values():
         old = source.schema(channel)
         target.add_channel(channel.topic, old.name, old.encoding, old.data, channel.metadata)
     for message in source.raw(source.channels):
         topic = source.channels[message.channel_id].topic
-        if keep(topic, message.sequence):
-            target.message(topic, message.log_time, message.sequence, message.data)
+        data = copied(topic, message.sequence, message.data)
+        if data is not None:
+            target.message(topic, message.log_time, message.sequence, data)
             target.seal_if_due()
 
 
-def thin(source: str | Path, target: str | Path, every: int) -> None:
-    """Copy a run's recording with the distributions, returns and designs of only some generations.
+def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT) -> None:
+    """Copy a run's recording with fewer messages.
 
-    Kept are the distributions and returns of every `every`-th generation (where that is missing, of
-    the next) and of the last, ten times as many designs, and summaries and evaluations of all
-    generations. Nothing is rounded. The metadata record "thinned" says what was done.
+    Of each topic in `keep` it has so many at most: the first, the last and others spread evenly.
+    Evaluations beyond that number stay without their episodes. Other topics are complete. Nothing
+    is rounded. The metadata record "thinned" says what was done.
 
     Raises:
-        RecordingError: a file cannot be read or written, or is not of a run; `every` is under 1.
+        RecordingError: a file cannot be read or written, or is not of a run.
     """
-    if every < 1:
-        raise RecordingError(f"every is {every}; keep every 1st generation or fewer")
     recording = read(source)
     if not len(recording.generations):
         raise RecordingError(f"{source} holds no generations; name a run's generations.mcap")
-    kept: dict[str, set[int]] = {topic: set() for topic in HEAVY_TOPICS}
-    for topic in filter(recording.topics.get, kept):
-        held, step = recording.array(topic, "generation"), max(1, every // HEAVY_TOPICS[topic])
-        first_of_each_step = np.unique(held // step, return_index=True)[1]
-        kept[topic] = {*held[first_of_each_step].tolist(), int(held[-1])}
+    kept = {}
+    for topic in filter(recording.topics.get, keep):
+        held = recording.array(topic, "generation")
+        spread = np.linspace(0, len(held) - 1, min(len(held), keep[topic]))
+        kept[topic] = set(held[spread.round().astype(int)].tolist())
     done = {
-        "every": every,
-        "topics": list(HEAVY_TOPICS),
-        "kept_generations": len(kept["/distribution"]),
-        "kept_designs": len(kept["/design"]),
         "of_generations": len(recording.generations),
-        "note": "these topics have the first, the last and every Nth generation, /design ten "
-        "times as many; the other topics are complete, and nothing is rounded",
+        "kept": {topic: len(generations) for topic, generations in kept.items()},
+        "note": "of each topic under `kept` there are so many messages, the first, the last and "
+        "others evenly spread (of /evaluation: so many have their episodes); the other topics are "
+        "complete, and nothing is rounded",
     }
     file = McapFile(target)
+
+    def copied(topic: str, generation: int, data: bytes) -> bytes | None:
+        if topic not in kept or generation in kept[topic]:
+            return data
+        return _without_episodes(data) if topic == "/evaluation" else None
+
     try:
-        for name, values in [*recording.metadata_records, (THINNED, done)]:
+        records = [record for record in recording.metadata_records if record[0] != THINNED]
+        for name, values in [*records, (THINNED, done)]:
             file.metadata(name, values)
-        _copy(file, recording, lambda topic, g: topic not in kept or g in kept[topic])
+        _copy(file, recording, copied)
         file.publish()
     finally:
         file.close()
+
+
+def _without_episodes(data: bytes) -> bytes:
+    evaluation = schema.Evaluation.FromString(data)
+    for name in ("scores", "steps", "seeds"):
+        evaluation.ClearField(name)
+    return evaluation.SerializeToString()

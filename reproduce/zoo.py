@@ -1,0 +1,251 @@
+"""Train the published runs, or those of them that are missing.
+
+    make zoo                  one run on each core; each is published when it is done
+    make zoo ONLY=biped       those of one experiment, or of several: ONLY="biped ant"
+    make verify-zoo           train the first generations of every published run again and compare
+
+Which runs there are is decided by `plan`, and how each is trained by its experiment's recipe,
+before any of them starts. Ctrl-C saves all; the next call goes on. What is not done yet is in
+runs/zoo.
+"""
+
+import argparse
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from designrl.checkpoint import STATE_FORMAT, load, read_tensors
+from designrl.errors import InputError
+from designrl.experiments import get_experiment
+from designrl.files import write_atomically
+from designrl.recording import read, thin
+from designrl.settings import TrainSettings
+from designrl.train import TrainingRun
+from reproduce import scores
+from reproduce.publish import publish
+
+# How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
+FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
+LATER = {"f": 5, "h": 5, "b": 10, "a": 10}
+SOLVED = 300.0  # points, at which the runs with the paper's own settings end
+PAPER = {"recipe": "paper", "stop_score": SOLVED}
+HEADLINE = ("biped-hardcore-morphology", "biped-hardcore")  # they have such a run, too: Figure 5
+LOOK_SECONDS = 2.0  # between two looks at the runs
+SAY_SECONDS = 600.0  # between two lines of a run where the output is no terminal
+AGAIN = 3  # generations of a recording that verify compares
+COMPARED = ("mean", "sd", "best", "worst", "sigma_mean", "sigma_min", "sigma_max", "steps")
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A run that is to be published.
+
+    Attributes:
+        settings: its experiment's recipe and a seed.
+        name: of its files.
+    """
+
+    settings: TrainSettings
+    name: str
+
+    @property
+    def place(self) -> Path:
+        """EXPERIMENT/NAME, under pretrained/, logs/ and the folder of unfinished runs."""
+        return Path(self.settings.experiment, self.name)
+
+    @property
+    def published(self) -> bool:
+        """It is done: its checkpoint is there and says that it was trained so."""
+        path = (scores.ROOT / "pretrained" / self.place).with_suffix(".safetensors")
+        return path.exists() and load(path).metadata.get("settings") == self.settings.as_dict()
+
+
+def plan() -> Iterator[Planned]:
+    """All runs, those that make every row of Table 3 useful first."""
+    names = {get_experiment(name).letter: name for name in scores.EXPERIMENTS}
+
+    def seeds(counts: dict[str, int], start: dict[str, int]) -> Iterator[Planned]:
+        for seed in range(max(counts.values())):
+            for letter, count in counts.items():
+                if start.get(letter, 0) <= seed < count:
+                    settings = TrainSettings.of(names[letter], "zoo", seed=seed)
+                    yield Planned(settings, f"seed{seed}")
+
+    first = list(seeds(FIRST, {}))
+    yield from first[: len(FIRST)]
+    for name in HEADLINE:
+        yield Planned(TrainSettings.of(name, **PAPER), "paper-seed0")
+    yield from first[len(FIRST) :]
+    yield from seeds(LATER, FIRST)
+
+
+def unfinished(run: Planned) -> Path:
+    """Where the state of a run that was left unfinished is committed."""
+    return scores.ROOT / "logs" / "unfinished" / run.place
+
+
+@dataclass
+class Training:
+    """A run that is being trained in a process of its own."""
+
+    run: Planned
+    folder: Path
+    process: subprocess.Popen
+    bar: tqdm
+    position: int  # of its line
+    said: float = 0.0
+
+    def look(self) -> None:
+        """Show how far it is."""
+        with suppress(InputError, KeyError):  # it has not saved yet
+            _, about = read_tensors(self.folder / "state.safetensors", STATE_FORMAT)
+            progress = about["progress"]
+            self.bar.n = progress["generation"]
+            if (best := progress["best_score"]) is not None:
+                self.bar.set_postfix_str(f"best {best:.1f}", refresh=False)
+            if not self.bar.disable:
+                self.bar.refresh()
+            elif time.monotonic() - self.said > SAY_SECONDS:
+                self.said = time.monotonic()
+                best = "" if best is None else f", best evaluation {best:.1f}"
+                of = f"{self.bar.n} of {self.bar.total} generations"
+                print(f"{self.run.place}: {of}{best}", flush=True)
+
+
+def start(run: Planned, folder: Path, position: int) -> Training:
+    """Start or go on with a run, on one core."""
+    left = unfinished(run)
+    if left.exists() and not folder.exists():
+        shutil.copytree(left, folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", *run.settings.command().split()]
+    command += ["--workers", "1", "--out", str(folder)]
+    command += ["--resume"] * (folder / "state.safetensors").exists()
+    with (folder / "log.txt").open("w") as log:
+        process = subprocess.Popen(
+            command, cwd=scores.ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+        )
+    bar = tqdm(
+        total=run.settings.generations, desc=str(run.place), position=position, leave=False,
+        unit="gen", disable=None,
+    )  # fmt: skip
+    return Training(run, folder, process, bar, position)
+
+
+def finish(training: Training) -> str | None:
+    """Publish a run whose process has ended; what is wrong with it, if anything."""
+    training.bar.close()
+    place = training.run.place
+    if code := training.process.returncode:
+        lines = (training.folder / "log.txt").read_text(errors="replace").strip().splitlines()
+        return f"{place} stopped with exit code {code}: {lines[-1] if lines else 'no word'}"
+    try:
+        tqdm.write(publish(training.folder, replace=True, name=training.run.name))
+    except (InputError, OSError) as error:
+        return f"{place} is trained and could not be published: {error}"
+    shutil.rmtree(unfinished(training.run), ignore_errors=True)
+    return None
+
+
+def train(waiting: list[Planned], folder: Path, cores: int) -> None:
+    """Train runs in so many processes; ends the program with a sentence where one fails."""
+    active: list[Training] = []
+    failures: list[str] = []
+    try:
+        while waiting or active:
+            free = [i for i in range(cores) if i not in {training.position for training in active}]
+            while waiting and len(active) < cores:
+                active.append(start(run := waiting.pop(0), folder / run.place, free.pop(0)))
+            for training in list(active):
+                training.look()
+                if training.process.poll() is not None:
+                    active.remove(training)
+                    failures += filter(None, [finish(training)])
+            time.sleep(LOOK_SECONDS)
+    except KeyboardInterrupt:
+        for training in active:
+            training.process.send_signal(signal.SIGINT)  # a second one does no harm
+        for training in active:
+            training.process.wait()
+            training.bar.close()
+        sys.exit(f"zoo: stopped, all is saved in {folder}; the same command goes on")
+    if failures:
+        sys.exit("\n".join(f"zoo: {failure}" for failure in failures))
+
+
+def save(left: list[Planned], folder: Path) -> None:
+    """Copy what a resume of each unfinished run needs to logs/unfinished, in a small form."""
+    for run in left:
+        source, target = folder / run.place, unfinished(run)
+        if (source / "state.safetensors").exists():
+            target.mkdir(parents=True, exist_ok=True)
+            # The state last: with an older one, what is there goes on from an earlier generation.
+            everything = dict.fromkeys(("/distribution", "/returns", "/design", "/evaluation"), 3)
+            thin(source / "generations.mcap", target / "generations.mcap", everything)
+            for name in ("best.safetensors", "state.safetensors"):
+                with suppress(FileNotFoundError):
+                    write_atomically(target / name, (source / name).read_bytes())
+            print(f"{scores.shown(target)} written")
+
+
+def verify(run: Planned) -> int:
+    """Train the first generations of a published run again; returns how many were compared.
+
+    Raises:
+        InputError: they differ from the run's recording.
+    """
+    recording = read(scores.ROOT / "logs" / run.place / "generations.mcap")
+    held = recording.generations[:AGAIN]
+    with tempfile.TemporaryDirectory() as folder:
+        again = TrainingRun(replace(run.settings, generations=int(held[-1]) + 1), folder)
+        again.run()
+        ours = read(Path(folder, "generations.mcap"))
+        for field in COMPARED:
+            now = ours.array("/summary", field)[held]
+            then = recording.array("/summary", field)[:AGAIN]
+            if not np.array_equal(now, then):
+                raise InputError(f"{run.place}: {field} of generations {held} is {now}, not {then}")
+    return len(held)
+
+
+def main() -> None:
+    """Train, save or verify the runs of the plan."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="*", metavar="EXPERIMENT", help="runs of these alone")
+    parser.add_argument("--folder", type=Path, default=scores.ROOT / "runs" / "zoo")
+    parser.add_argument("--cores", type=int, default=len(os.sched_getaffinity(0)))
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--save", action="store_true", help="unfinished runs to logs/unfinished")
+    what.add_argument("--verify", action="store_true", help="the first generations once more")
+    args = parser.parse_args()
+    only = {get_experiment(name).name for name in args.only or scores.EXPERIMENTS}
+    planned = [run for run in plan() if run.settings.experiment in only]
+    left = [run for run in planned if not run.published]
+    if args.verify:
+        for run in planned:
+            if run.published:
+                print(f"{run.place}: {verify(run)} generations again, to the bit", flush=True)
+    elif args.save:
+        save(left, args.folder)
+    else:
+        print(f"{len(planned) - len(left)} of {len(planned)} runs are published", flush=True)
+        train(left, args.folder.absolute(), args.cores)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        main()
+    except InputError as error:
+        sys.exit(f"zoo: {error}")

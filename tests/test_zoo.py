@@ -1,0 +1,88 @@
+"""The published runs: planned by recipe, trained, interrupted, resumed, published, verified."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS
+from designrl.files import file_hash
+from designrl.settings import TrainSettings
+from reproduce import scores, zoo
+from reproduce.scores import ROOT
+
+SETTINGS = {"population": 4, "rollouts": 1, "evaluate_every": 2, "evaluation_episodes": 4}
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """An empty project folder."""
+    (tmp_path / "paper").mkdir()
+    shutil.copyfile(ROOT / "paper" / "paper.toml", tmp_path / "paper" / "paper.toml")
+    monkeypatch.setattr(scores, "ROOT", tmp_path)
+    return tmp_path
+
+
+def planned(seed: int = 0, generations: int = 4) -> zoo.Planned:
+    settings = TrainSettings.of("biped", "zoo", seed=seed, generations=generations, **SETTINGS)
+    return zoo.Planned(settings, f"seed{seed}")
+
+
+def test_the_plan_has_every_row_early_and_every_seed_once_by_its_recipe():
+    found = list(zoo.plan())
+    assert {run.settings.experiment for run in found[: len(EXPERIMENTS)]} == set(EXPERIMENTS)
+    assert len({run.place for run in found}) == len(found)
+    for name in EXPERIMENTS:
+        seeds = sorted(
+            run.settings.seed
+            for run in found
+            if run.settings.experiment == name and run.name.startswith("seed")
+        )
+        assert seeds == list(range(len(seeds))) and len(seeds) >= 5
+    for run in found:
+        recipe = "paper" if run.name.startswith("paper") else "zoo"
+        assert f"--recipe {recipe} --seed {run.settings.seed}" in run.settings.command()
+
+
+def test_runs_are_trained_side_by_side_published_and_verified(project, capsys):
+    runs = [planned(0), planned(1)]
+    zoo.train(list(runs), project / "runs", cores=2)
+    assert all(run.published for run in runs)
+    assert zoo.verify(runs[0]) == 3
+    shutil.copytree(project / "logs/biped/seed1", project / "logs/biped/seed0", dirs_exist_ok=True)
+    with pytest.raises(InputError, match="biped/seed0: mean of generations .* is .*, not"):
+        zoo.verify(runs[0])
+    assert not planned(1, generations=5).published, "that one was trained otherwise"
+
+
+def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
+    run, whole = planned(generations=400), project / "whole"
+    command = [sys.executable, "-m", *run.settings.command().split(), "--out"]
+    subprocess.run([*command, whole], check=True, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen([*command, project / "runs/biped/seed0"], stderr=subprocess.DEVNULL)
+    while not (project / "runs/biped/seed0/best.safetensors").exists():
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 130
+    zoo.save([run], project / "runs")
+    assert sorted(path.name for path in zoo.unfinished(run).iterdir()) == [
+        *("best.safetensors", "generations.mcap", "state.safetensors")
+    ]
+    zoo.train([run], project / "another place", cores=1)
+    assert not zoo.unfinished(run).exists()
+    published = (project / "pretrained/biped/seed0").with_suffix(".safetensors")
+    assert file_hash(published) == file_hash(whole / "best.safetensors")
+
+
+def test_a_run_that_fails_is_named_and_the_others_are_published(project):
+    bad, good = planned(0), planned(1)
+    (project / "runs/biped/seed0").mkdir(parents=True)
+    Path(project, "runs/biped/seed0/state.safetensors").write_text("rubbish")
+    with pytest.raises(SystemExit, match="zoo: biped/seed0 stopped with exit code 2: .*state.safe"):
+        zoo.train([bad, good], project / "runs", cores=1)
+    assert good.published and not bad.published
