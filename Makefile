@@ -68,19 +68,23 @@ reproduce: $(READY)
 reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
 
+FLAT_STEPS ?= 3000000
+HARDCORE_STEPS ?= 4000000
 FLAT_BODY := pretrained/biped-morphology/seed7.safetensors
 HARDCORE_BODY := pretrained/biped-hardcore-morphology/seed15.safetensors
 CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@
+FLAT = $(CURVE) --steps $(FLAT_STEPS)
+HARDCORE = $(CURVE) --hardcore --steps $(HARDCORE_STEPS)
 transfer: $(foreach seed,0 1 2 3 4,$(foreach body,original learned, \
   $(foreach task,flat hardcore,paper/transfer/$(task)/$(body)/seed$(seed).csv)))
 paper/transfer/flat/original/seed%.csv: | $(READY)
-	$(CURVE)
+	$(FLAT)
 paper/transfer/flat/learned/seed%.csv: | $(READY)
-	$(CURVE) --design $(FLAT_BODY)
+	$(FLAT) --design $(FLAT_BODY)
 paper/transfer/hardcore/original/seed%.csv: | $(READY)
-	$(CURVE) --hardcore --steps 20000000
+	$(HARDCORE)
 paper/transfer/hardcore/learned/seed%.csv: | $(READY)
-	$(CURVE) --hardcore --steps 20000000 --design $(HARDCORE_BODY)
+	$(HARDCORE) --design $(HARDCORE_BODY)
 
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
