@@ -12,8 +12,8 @@
 #   make test                        the test suite
 #   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
 #                                    million steps of vector environments; make sanitize-engine:
-#                                    its tests in a build that watches memory and undefined
-#                                    behaviour
+#                                    its tests, 300 episodes and 5,000 steps in a build that
+#                                    watches memory and undefined behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make bench                       speeds as ratios to a named baseline
 PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
@@ -102,12 +102,15 @@ verify-engine: $(READY)
 # A second copy of the package, in build/. Python itself is not instrumented: the sanitiser has to be
 # there before it, and what it never frees is not of interest.
 SANITIZED := build/sanitized/lib
+SANITIZED_EPISODES := 300
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined
+WATCHED := ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so)" \
+  PYTHONPATH=. $(CURDIR)/$(BIN)/python -m
 sanitize-engine: $(READY)
 	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)
 	@nm -D $(SANITIZED)/designrl/engine/_native*.so | grep -q __asan_init
-	@cd $(SANITIZED) && ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so)" \
-	  PYTHONPATH=. $(CURDIR)/$(BIN)/python -m pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py $(CURDIR)/tests/test_vector_envs.py
+	@cd $(SANITIZED) && $(WATCHED) pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py $(CURDIR)/tests/test_vector_envs.py
+	@cd $(SANITIZED) && $(WATCHED) designrl.engine.verify --episodes $(SANITIZED_EPISODES) --steps 500
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py

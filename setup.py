@@ -18,7 +18,7 @@ SOURCES = Path("designrl/engine/native")
 # so one wheel serves every x86-64.
 INSTRUCTION_SETS = {
     "sse2": [],
-    "avx2": ["-mavx2"],
+    "avx2": ["-mavx2", "-mfma"],
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512"],
 }
 INTERFACE = [str(SOURCES / "api.cpp")]
@@ -27,8 +27,8 @@ FLAGS = [
     "-std=c++17",
     "-O3",
     "-g0",
-    # Whatever CFLAGS says: the baseline runs anywhere, and the bits must be the reference's,
-    # without fused multiply-adds and without reordered sums.
+    # Whatever CFLAGS says: the baseline runs anywhere, and the bits must be the reference's, with
+    # no product fused into a sum but where the code says so, and without reordered sums.
     "-march=x86-64",
     "-fno-fast-math",
     "-ffp-contract=off",

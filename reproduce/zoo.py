@@ -175,7 +175,7 @@ def train(waiting: list[Planned], folder: Path, cores: int) -> None:
             time.sleep(LOOK_SECONDS)
     except KeyboardInterrupt:
         for training in active:
-            training.process.send_signal(signal.SIGINT)  # a second one does no harm
+            training.process.terminate()  # saves, too; in the background Ctrl-C is ignored
         for training in active:
             training.process.wait()
             training.bar.close()

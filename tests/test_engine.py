@@ -2,8 +2,12 @@
 
 import ctypes
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -247,6 +251,49 @@ def test_an_episode_beyond_the_capacities_is_an_error_and_no_result(widths):
     with pytest.raises(InputError, match="candidate 2 with seed .* has more contacts") as error:
         rollout(FLAT, **batch)
     assert any(str(seed) in str(error.value) for seed in batch["seeds"][2])
+
+
+def test_an_action_that_is_no_number_is_an_error_and_no_result():
+    network = Network((24, 4), "linear")
+    batch = random_batch(2, 2, network=network)
+    batch["weights"][1] = 3e38  # sums are infinite, and the noise on them has both signs
+    noise_stds = np.array([[0.0], [1e308]]) * np.ones(4)
+    with pytest.raises(InputError, match="candidate 1 with seed .* no finite number"):
+        rollout(FLAT, **batch, output_tanh=False, noise_stds=noise_stds)
+
+
+# As a libm of another make: the last bit of every sine is another.
+OTHER_LIBM = """
+#include <math.h>
+void sincosf(float x, float *s, float *c) { *s = nextafterf(sinf(x), 2.0f); *c = cosf(x); }
+"""
+WALK = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from test_engine import HARDCORE, random_batch, rollout
+for isa in sys.argv[1:]:
+    print(rollout(HARDCORE, **random_batch(20, 1), isa=isa)[0].ravel().tolist())
+"""
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+def test_a_libm_with_other_sines_is_asked_instead(tmp_path):
+    source, library = tmp_path / "libm.c", tmp_path / "libm.so"
+    source.write_text(OTHER_LIBM)
+    subprocess.run(
+        ["gcc", "-shared", "-fPIC", "-O1", "-fno-builtin", source, "-o", library, "-lm"], check=True
+    )
+    seen = []
+    already = os.environ.get("LD_PRELOAD", "")
+    for preload in (already, f"{already} {library}"):
+        command = [sys.executable, "-c", WALK, *engine.instruction_sets()]
+        environment = {**os.environ, "LD_PRELOAD": preload}
+        output = subprocess.run(
+            command, env=environment, check=True, capture_output=True, text=True
+        )
+        seen.append(set(output.stdout.splitlines()))
+    assert [len(results) for results in seen] == [1, 1]  # of all instruction sets
+    assert seen[0] != seen[1]
 
 
 def test_progress_counts_every_episode_once():

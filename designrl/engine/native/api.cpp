@@ -42,7 +42,7 @@ const Variant kVariants[] = {  // the best first
                  __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"); },
      {&engine_avx512::walker::kTask, &engine_avx512::ant::kTask}},
     {"avx2",
-     [] { return bool(__builtin_cpu_supports("avx2")); },
+     [] { return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"); },
      {&engine_avx2::walker::kTask, &engine_avx2::ant::kTask}},
     {"sse2", [] { return true; }, {&engine_sse2::walker::kTask, &engine_sse2::ant::kTask}},
 };

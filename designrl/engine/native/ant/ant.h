@@ -32,7 +32,8 @@ namespace ENGINE::ant {
 
 constexpr char kFlagNames[] = "";
 
-// Python calls them one by one. Inlined, two calls for one angle would become a third function.
+// Python calls them one by one. Inlined, GCC would make one sincos of two calls for the same angle,
+// and nobody promises that it has their bits.
 __attribute__((noinline)) inline double sine(double a) { return std::sin(a); }
 __attribute__((noinline)) inline double cosine(double a) { return std::cos(a); }
 
@@ -206,7 +207,7 @@ class Ant {
       double ends[kLegParts][2];
       for (int k = 0; k < kLegParts; ++k) {
         for (int i = 0; i < 2; ++i)
-          ends[k][i] = kDirections2d[leg][i] * kLengths[k] * scales[2 * k + i];
+          ends[k][i] = kLegSigns[leg][i] * kLengths[k] * scales[2 * k + i];
         body_.legs[leg][k] = make_capsule(ends[k][0], ends[k][1], kRadius * scales[6 + k]);
       }
       const double x = ends[kTop][0] / 2, y = ends[kTop][1] / 2;

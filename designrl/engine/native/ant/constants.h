@@ -6,7 +6,6 @@
 
 namespace ENGINE::ant {
 
-constexpr double kTimeStep = 0.0165;       // s
 constexpr double kMotorTorque = 2.5 * 100.0;  // N m at action ±1
 constexpr double kStartAngle = 0.1;        // rad; joints start at U(-0.1, 0.1)
 constexpr double kTargetX = 1000.0;        // m
@@ -21,7 +20,7 @@ constexpr int kLinks = 20;                 // of Bullet, whose mean position is 
 
 constexpr int kLegDimensions = 9;  // of a leg: dx, dy of its parts, then their radii
 constexpr int kDimensions = kLegs * kLegDimensions;
-constexpr double kDirections2d[kLegs][2] = {{1, 1}, {-1, 1}, {-1, -1}, {1, -1}};  // of the legs
+constexpr double kLegSigns[kLegs][2] = {{1, 1}, {-1, 1}, {-1, -1}, {1, -1}};  // of dx and dy
 constexpr double kLengths[kLegParts] = {0.2, 0.2, 0.4};  // m, |dx| = |dy| of the parts
 constexpr double kRadius = 0.08;                         // m, of all parts
 

@@ -32,8 +32,9 @@ constexpr double kUpper[kJoints] = {kHip, kBent,       kHip, -kStretched,
 
 // --- The world (designrl/envs/ant.py) ---
 constexpr double kGravity = 9.8;                 // m/s²
+constexpr double kTimeStep = 0.0165;             // s
 constexpr int kSubsteps = 4;                     // of a step
-constexpr double kSubstep = 0.0165 / kSubsteps;  // s
+constexpr double kSubstep = kTimeStep / kSubsteps;
 constexpr int kIterations = 5;                   // of the constraint solver, at most
 constexpr double kContactErp = 0.9;              // share of a penetration taken back in a substep
 constexpr double kFriction = 0.8 * 1.5;          // of floor and body

@@ -6,7 +6,7 @@
 // path. For the same reason nothing here uses containers or algorithms of the standard library.
 //
 //   common/    what every task uses
-//     lanes, doubles
+//     lanes, doubles, sincos
 //                vectors of numbers, one lane for each of several bodies
 //     random, ziggurat
 //                NumPy's random numbers

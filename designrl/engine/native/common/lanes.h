@@ -14,7 +14,7 @@ namespace ENGINE {
 typedef float Vector __attribute__((vector_size(ENGINE_VECTOR_BYTES)));
 
 constexpr int kWidth = ENGINE_VECTOR_BYTES / 4;  // lanes in a vector
-constexpr int kChunks = 2;                       // independent vectors that hide latencies
+constexpr int kChunks = 4;                       // independent vectors that hide latencies
 constexpr int kLanes = kWidth * kChunks;
 
 // minimum(a, b) is a < b ? a : b, as for single numbers below, also where both are equal.
@@ -66,6 +66,11 @@ inline Vector select(Mask m, Vector a, Vector b) {
 constexpr uint32_t kAllLanes = (1u << kWidth) - 1;
 inline bool any(Mask m) { return lane_bits(m) != 0; }
 inline Vector clamp(Vector a, Vector low, Vector high) { return maximum(low, minimum(a, high)); }
+inline Mask first_lanes(int count) {
+  Vector lane;
+  for (int l = 0; l < kWidth; ++l) lane[l] = float(l);
+  return less(lane, Vector{} + float(count));
+}
 
 // The same for a single number, so that a kernel can be written once for both.
 inline float minimum(float a, float b) { return a < b ? a : b; }
@@ -74,6 +79,8 @@ inline float clamp(float a, float low, float high) { return maximum(low, minimum
 inline bool less(float a, float b) { return a < b; }
 inline bool at_least(float a, float b) { return a >= b; }
 inline bool both(bool a, bool b) { return a & b; }
+inline bool any(bool m) { return m; }
+inline float square_root(float a) { return __builtin_sqrtf(a); }
 inline float select(bool m, float a, float b) { return m ? a : b; }
 
 // One number for each lane.

@@ -11,7 +11,7 @@ namespace ENGINE {
 constexpr double kZigguratEdge = 3.6541528853610088;  // of the bottom layer; the tail follows
 constexpr double kZigguratInverseEdge = 0.27366123732975828;
 
-// A layer's share that lies under the curve whatever its height, in 2^-52.
+// A layer's share that lies under the curve whatever its height, in units of 2^-52.
 constexpr uint64_t kZigguratInside[256] = {
     0xef33d8025ef6a, 0x0, 0xc08be98fbc6a8, 0xda354fabd8142, 0xe51f67ec1eeea, 0xeb255e9d3f77e,
     0xeef4b817ecab9, 0xf19470afa44aa, 0xf37ed61ffcb18, 0xf4f469561255c, 0xf61a5e41ba396,
@@ -65,7 +65,7 @@ constexpr uint64_t kZigguratInside[256] = {
     0xfcba8d85e11b2, 0xfc7d26ecd2d22, 0xfc32b2f1e22ed, 0xfbd6581c0b83a, 0xfb606c4005434,
     0xfac40582a2874, 0xf9e971e014598, 0xf89fa48a41dfc, 0xf66c5f7f0302c, 0xf1a5a4b331c4a};
 
-// A layer's width, in 2^-52.
+// A layer's width, times 2^-52: it multiplies 52 random bits.
 constexpr double kZigguratWidth[256] = {
     8.683627060801306e-16, 4.779330175727737e-17, 6.354352417405262e-17, 7.454870481247696e-17,
     8.3293668157931e-17, 9.068060405059482e-17, 9.714860076567762e-17, 1.0294750314241019e-16,

@@ -73,6 +73,7 @@ inline void add_course(World& world, Generator& random, bool hardcore) {
   }
   for (int i = 0; i + 1 < kTerrainLength; ++i)
     world.add_edge({float(xs[i]), float(ys[i])}, {float(xs[i + 1]), float(ys[i + 1])});
+  world.index.finish();
 }
 
 // The force that pushes the hull at the start, N; drawn after the clouds, which only use it up.

@@ -48,10 +48,11 @@ inline float cast(const Terrain& terrain, const Ray& ray) {
   return enters ? lower : miss;
 }
 
-// All rays of one walker, in vectors.
+// All rays of one walker.
 //
-// Box2D casts one ray after the other. Here they go down the tree together: a node is opened if any
-// ray passes its tests, and each ray meets its own leaves in the order in which it would alone.
+// Box2D casts one ray after the other down the tree. Here vectors of rays are held against each
+// piece of terrain that is near. Those that may meet it are then cast at it, each ray at its own
+// pieces in the order in which the tree would offer them.
 class RayFan {
  public:
   // end_x, end_y: (kRays,) where the rays end.
@@ -59,24 +60,11 @@ class RayFan {
     for (int i = 0; i < kPadded; ++i) {
       end_x_.number[i] = end_x[i < kRays ? i : 0];
       end_y_.number[i] = end_y[i < kRays ? i : 0];
-      fraction_[i] = max_fraction_[i] = 1.0f;
     }
-    const Vector one = Vector{} + 1.0f;
-    for (int v = 0; v < kVectors; ++v) {
-      // Unit normal of each ray, a quarter turn to the left of its direction; rays are 5 m long.
-      const Vector dx = end_x_.vector[v] - origin.x, dy = end_y_.vector[v] - origin.y;
-      const Vector inverse = one / square_root(dx * dx + dy * dy);
-      const Vector x = -(dy * inverse), y = dx * inverse;
-      normal_x_[v] = x;
-      normal_y_[v] = y;
-      absolute_x_[v] = maximum(x, -x);
-      absolute_y_[v] = maximum(y, -y);
-      const Vector start_x = Vector{} + origin.x, start_y = Vector{} + origin.y;
-      const Vector tx = origin.x + dx, ty = origin.y + dy;
-      low_x_.vector[v] = minimum(start_x, tx);
-      low_y_.vector[v] = minimum(start_y, ty);
-      high_x_.vector[v] = maximum(start_x, tx);
-      high_y_.vector[v] = maximum(start_y, ty);
+    box_ = {origin, origin};
+    for (int i = 0; i < kRays; ++i) {
+      const Vec2 end = {end_x[i], end_y[i]};
+      box_ = {minimum(box_.lower, end), maximum(box_.upper, end)};
     }
   }
 
@@ -84,88 +72,76 @@ class RayFan {
   //
   // closest: at the nearest hit (v3). Otherwise (v2) at the first one in the order in which the
   // tree offers its leaves. The walker's own parts are in the tree but never end a ray.
-  const float* cast_all(const World& world, bool closest) {
-    const Tree& tree = world.tree;
-    // Nodes yet to visit, with the rays that passed their parents' tests above the node's index.
-    uint64_t stack[kMaxNodes];
-    int count = 0;
-    uint32_t open = (1u << kRays) - 1;  // rays that have not ended
-    int index = tree.root;
-    uint32_t rays = open;
-    for (;;) {
-      const Tree::Node& node = tree.nodes[index];
-      rays &= passing(node.box);
-      if (rays && !node.is_leaf()) {
-        stack[count++] = uint64_t(rays) << 32 | uint32_t(node.child1);
-        index = node.child2;
-        continue;
-      }
-      if (rays && node.item >= kBodies) {
-        const Terrain& terrain = world.terrain[node.item - kBodies];
-        for (; rays; rays &= rays - 1) {
-          const int i = __builtin_ctz(rays);
-          const float fraction =
-              cast(terrain, {origin_, {end_x_.number[i], end_y_.number[i]}, max_fraction_[i]});
-          if (fraction < 0.0f) continue;
-          fraction_[i] = fraction;
-          if (!closest || fraction == 0.0f) open &= ~(1u << i);
-          else shorten(i, fraction);
+  void cast_all(const World& world, bool closest, float* fractions) {
+    int16_t pieces[kRays][kMaxTerrain];  // that a ray may meet, in the tree's order
+    int counts[kRays] = {};
+    world.index.each(box_.lower.x, box_.upper.x, [&](int piece) {
+      if (!overlap(world.index.box(piece), box_)) return;
+      for (uint32_t rays = meeting(world, piece); rays; rays &= rays - 1) {
+        const int i = __builtin_ctz(rays);
+        int at = counts[i]++;
+        const int leaf = world.terrain[piece].proxy;
+        for (; at > 0; --at) {
+          if (!world.tree.before(leaf, world.terrain[pieces[i][at - 1]].proxy)) break;
+          pieces[i][at] = pieces[i][at - 1];
         }
+        pieces[i][at] = int16_t(piece);
       }
-      do {
-        if (count == 0) return fraction_;
-        --count;
-        index = int(uint32_t(stack[count]));
-        rays = uint32_t(stack[count] >> 32) & open;
-      } while (!rays);
+    });
+    for (int i = 0; i < kRays; ++i) {
+      Ray ray = {origin_, {end_x_.number[i], end_y_.number[i]}, 1.0f};
+      fractions[i] = 1.0f;
+      for (int k = 0; k < counts[i]; ++k) {
+        const float fraction = cast(world.terrain[pieces[i][k]], ray);
+        if (fraction < 0.0f) continue;
+        fractions[i] = ray.max_fraction = fraction;
+        if (!closest || fraction == 0.0f) break;
+      }
     }
   }
 
  private:
   static constexpr int kVectors = (kRays + kWidth - 1) / kWidth, kPadded = kVectors * kWidth;
+  // Room for rounding, m²: rays are 5 m long, and coordinates reach 100 m, where float32 resolves
+  // 8e-6 m.
+  static constexpr float kSlack = 0.01f;
   union Numbers {
     Vector vector[kVectors];
     float number[kPadded];
   };
   Vec2 origin_;
   Numbers end_x_, end_y_;
-  Vector normal_x_[kVectors], normal_y_[kVectors], absolute_x_[kVectors], absolute_y_[kVectors];
-  Numbers low_x_, low_y_, high_x_, high_y_;  // box around what is left of a ray
-  float fraction_[kPadded], max_fraction_[kPadded];
+  Aabb box_;  // around all rays
 
-  void shorten(int i, float fraction) {
-    max_fraction_[i] = fraction;
-    const Vec2 end = {end_x_.number[i], end_y_.number[i]};
-    const Vec2 t = origin_ + fraction * (end - origin_);
-    const Vec2 lower = minimum(origin_, t), upper = maximum(origin_, t);
-    low_x_.number[i] = lower.x;
-    low_y_.number[i] = lower.y;
-    high_x_.number[i] = upper.x;
-    high_y_.number[i] = upper.y;
-  }
-
-  // The rays, as bits, that b2DynamicTree::RayCast would let into a node: those whose box overlaps
-  // the node's and whose line is no separating axis (Gino van den Bergen, p. 80).
-  uint32_t passing(const Aabb& box) const {
-    const Vec2 center = 0.5f * (box.lower + box.upper);
-    const Vec2 extent = 0.5f * (box.upper - box.lower);
-    const Vec2 d = origin_ - center;
-    const Vector zero = {};
+  // The rays, as bits, that may meet a piece: their line has vertices on both sides, and their
+  // boxes overlap.
+  uint32_t meeting(const World& world, int piece) const {
+    const Terrain& terrain = world.terrain[piece];
+    const Aabb& box = world.index.box(piece);
+    const Vec2* vertices = terrain.vertices();
+    const int count = terrain.vertex_count();
     uint32_t bits = 0;
     for (int v = 0; v < kVectors; ++v) {
-      const Vector along = normal_x_[v] * d.x + normal_y_[v] * d.y;
-      const Vector distance = maximum(along, -along);
-      const Vector reach = absolute_x_[v] * extent.x + absolute_y_[v] * extent.y;
-      const Vector low_x = zero + box.lower.x, high_x = zero + box.upper.x;
-      const Vector low_y = zero + box.lower.y, high_y = zero + box.upper.y;
-      const Mask left_or_right =
-          either(less(high_x, low_x_.vector[v]), less(high_x_.vector[v], low_x));
-      const Mask below_or_above =
-          either(less(high_y, low_y_.vector[v]), less(high_y_.vector[v], low_y));
-      const Mask apart = either(either(left_or_right, below_or_above), less(reach, distance));
+      const Vector end_x = end_x_.vector[v], end_y = end_y_.vector[v];
+      const Vector dx = end_x - origin_.x, dy = end_y - origin_.y;
+      Vector low = Vector{} + kMaxFloat, high = -low;
+      for (int k = 0; k < count; ++k) {
+        const Vec2 to = vertices[k] - origin_;
+        const Vector side = dx * to.y - dy * to.x;
+        low = minimum(low, side);
+        high = maximum(high, side);
+      }
+      const Vector slack = Vector{} + kSlack;
+      const Vector x = Vector{} + origin_.x, y = Vector{} + origin_.y;
+      const Mask beside = either(less(slack, low), less(high, -slack));
+      const Mask left_or_right = either(less(maximum(x, end_x), Vector{} + box.lower.x),
+                                        less(Vector{} + box.upper.x, minimum(x, end_x)));
+      const Mask below_or_above = either(less(maximum(y, end_y), Vector{} + box.lower.y),
+                                         less(Vector{} + box.upper.y, minimum(y, end_y)));
+      const Mask apart = either(beside, either(left_or_right, below_or_above));
       bits |= (~lane_bits(apart) & kAllLanes) << (v * kWidth);
     }
-    return bits;
+    return bits & ((1u << kRays) - 1);
   }
 };
 

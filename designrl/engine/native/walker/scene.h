@@ -29,6 +29,7 @@ constexpr float kTerrainFriction = 2.5f;
 constexpr int kMaxVertices = 5;        // of a polygon: the hull's; legs and terrain have four
 constexpr int kMaxTerrain = 384;       // pieces of terrain: 199 edges and the obstacles
 constexpr int kMaxNodes = 1024;        // of the dynamic tree
+constexpr int kColumns = 96;           // of the terrain's index, 1 m each; the last has no end
 constexpr int kMaxContacts = 256;      // pairs of overlapping boxes
 constexpr int kMaxTouching = 24;       // touching contacts of one body
 

@@ -9,11 +9,11 @@
 //     settings            numbers of Box2D
 //     math2d, shapes, body
 //                         vectors, polygons and their masses, bodies and joints
-//     tree, narrow_phase, world
+//     terrain_index, tree, narrow_phase, world
 //                         broad phase, contact points, the list of contacts
 //     constraints         contacts and joints made ready, and loaded into vector lanes
 //     velocity_solver     the 180 velocity iterations, many worlds side by side
-//     position_solver     integration and the position iterations
+//     position_solver     integration and the position iterations, likewise
 //     continuous          impacts within a step
 //     step                b2World::Step as a whole
 //   lidar                 the ten rays
@@ -49,15 +49,14 @@ struct RayDirections {
 class Walker {
  public:
   static constexpr int kObservations = 24, kActions = 4, kDesign = 8;
-  static constexpr int kLanes = ENGINE::kLanes;
   // Enough to fill vectors with walkers in like contact with the ground.
-  static constexpr int kHeld = 2 * kLanes;
+  static constexpr int kLanes = ENGINE::kLanes, kHeld = kLanes;
   static constexpr double kSolvedReturn = 300.0, kSolvedBonus = 100.0;  // points
   static constexpr bool kStartSolves = true;  // reset ends with a step of zero action
   enum Term { kProgress, kPosture, kEnergy, kFall, kTerms };
   using Networks =
       FixedNetworks<FixedNetwork<Output::kTanh, kObservations, 40, 40, kActions>>;
-  using Solver = VelocitySolver;
+  using Solver = walker::Solver;
 
   // BipedalWalker.reset up to, but without, its first step. scales: (8,) of the design.
   void reset(Generator& random, uint32_t flags, const double* scales) {
@@ -72,9 +71,9 @@ class Walker {
     command(action);
     step_.begin(world_);
   }
-  uint32_t order() const { return step_.contact_pattern(); }
-  void load(VelocitySolver& solver, int lane) { step_.load(world_, solver, lane); }
-  void store(const VelocitySolver& solver, int lane) { step_.store(world_, solver, lane); }
+  uint32_t order() const { return step_.pattern(world_); }
+  void load(Solver& solver, int lane) { step_.load(world_, solver, lane); }
+  void store(const Solver& solver, int lane) { step_.store(world_, solver, lane); }
   void finish_step(uint32_t flags, Outcome<Walker>& outcome) {
     step_.finish(world_);
     observe(flags & kClosestHits, outcome);
@@ -96,6 +95,7 @@ class Walker {
       const double sign = a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : 0.0;
       double strength = a < 0.0 ? -a : a;
       if (strength > 1.0) strength = 1.0;
+      if (!(strength <= 1.0)) world_.overflow = true;  // no number
       Joint& joint = world_.joints[i];
       joint.motor_speed = float(speed * sign);
       joint.max_torque = float(kMotorTorque * strength);
@@ -179,9 +179,7 @@ class Walker {
       end_x[i] = float(x + directions.x[i]);
       end_y[i] = float(y - directions.y[i]);
     }
-    RayFan fan(hull.xf.p, end_x, end_y);
-    const float* fractions = fan.cast_all(world_, closest_hits);
-    for (int i = 0; i < kRays; ++i) state[14 + i] = fractions[i];
+    RayFan(hull.xf.p, end_x, end_y).cast_all(world_, closest_hits, state + 14);
 
     const double angle = hull.sweep.a, tilt = angle < 0.0 ? -angle : angle;
     double shaping = 130 * x / kScale;

@@ -2,9 +2,13 @@
 // computeAccelerationsArticulatedBodyAlgorithmMultiDof and calcAccelerationDeltasMultiDof).
 //
 // In three passes: outward, each link's velocity and the force that would hold it; inward, each
-// link's inertia and force with all that hangs on it; outward again, the accelerations. On the way
-// in, legs are taken from the last to the first, as Bullet's links are: in that order the torso's
-// sums are rounded.
+// link's inertia and force with all that hangs on it; outward again, the accelerations. The first
+// two are done leg by leg, as legs meet in the torso only; from the last leg to the first, as
+// Bullet goes through its links: in that order the torso's sums are rounded.
+//
+// The names are Bullet's, which has them from Mirtich: h is the articulated inertia times a joint's
+// axis (Featherstone's U), d its part along the axis (D), y the torque left to accelerate the joint
+// (u).
 //
 // What folds away, to the bit: the rotation of a fixed link is the exact identity and its offset is
 // flat (z = 0); a joint's own link has no mass, so that its inertia is that of the part which is
@@ -103,26 +107,33 @@ class Articulated {
   Matrix ankle[kLegs];    // middle to bottom part
 
  private:
-  Spatial h_[kJoints];         // a joint's column of the inertia
-  Double inverse_d_[kJoints];  // 1 / its inertia about its own axis
-  Double y_[kJoints];          // its torque, less what holds the link
-  Spatial coriolis_[kJoints];
+  Spatial h_[kJoints];
+  Double inverse_d_[kJoints];
+  Double y_[kJoints];
+  Spatial coriolis_[kJoints];  // accelerations that come of the velocities alone
   // The inverse of the torso's articulated inertia, in blocks.
   Matrix upper_left_, upper_right_, lower_left_, lower_right_;
 
   static Spatial holding_force(const Matrix& from_world, const Part<Double>& part,
                                const Vector& angular, const Vector& linear);
+  void add_leg(const Body<Double>& body, const Kinematics& parts, const Double* torque,
+               const Double* velocity, int leg, const Vector& angular, const Vector& linear,
+               Inertia& inertia, Spatial& force);
   template <bool kAnkle>
-  void pass_joint(int leg, const Spatial& coriolis, Double torque, Inertia& inertia,
-                  Spatial& force);
+  void pass_joint(int leg, Double torque, Inertia& inertia, Spatial& force);
   void invert(const Inertia& inertia);
   Spatial solve(const Spatial& force) const {
     return {-(upper_left_ * force.top + upper_right_ * force.bottom),
             -(lower_left_ * force.top + lower_right_ * force.bottom)};
   }
+  template <bool kCoriolis, class Y>
+  void accelerate_joints(const Body<Double>& body, const Kinematics& parts, const Spatial& torso,
+                         Y y, Double* out) const;
+  void to_world(const Vector& angular, const Vector& linear, Double* out) const;
 };
 
-// The force that would hold a part at its velocity: weight, damping, gyroscopic terms.
+// The force that would hold a part at its velocity (zeroAccSpatFrc): weight, damping, gyroscopic
+// terms.
 ENGINE_INLINE Spatial Articulated::holding_force(const Matrix& from_world, const Part<Double>& part,
                                                  const Vector& angular, const Vector& linear) {
   const Double weight = -kGravity * part.mass;
@@ -138,9 +149,10 @@ ENGINE_INLINE Spatial Articulated::holding_force(const Matrix& from_world, const
 // Inward over a joint. inertia, force: of the link in its own frame; out: what of them its parent
 // feels, still in this frame.
 template <bool kAnkle>
-ENGINE_INLINE void Articulated::pass_joint(int leg, const Spatial& coriolis, Double torque,
-                                           Inertia& inertia, Spatial& force) {
+ENGINE_INLINE void Articulated::pass_joint(int leg, Double torque, Inertia& inertia,
+                                           Spatial& force) {
   const int j = 2 * leg + kAnkle;
+  const Spatial& coriolis = coriolis_[j];
   const Matrix &a = inertia.top_left, &b = inertia.bottom_left;
   Spatial& h = h_[j];
   Double along, d;  // the force's and the inertia's part along the axis
@@ -192,10 +204,102 @@ ENGINE_INLINE void Articulated::invert(const Inertia& inertia) {
   lower_left_ = inverse_right * t;
 }
 
+// The first two passes through a leg: adds to the torso's inertia and force what it feels of it.
+// angular, linear: the torso's velocity in its own frame.
+ENGINE_INLINE void Articulated::add_leg(const Body<Double>& body, const Kinematics& parts,
+                                        const Double* torque, const Double* velocity, int leg,
+                                        const Vector& angular, const Vector& linear,
+                                        Inertia& inertia, Spatial& force) {
+  const Part<Double>&top = body.legs[leg][kTop], &middle = body.legs[leg][kMiddle],
+        &bottom = body.legs[leg][kBottom];
+  const int a = 2 * leg, b = a + 1;
+  const Vector &hip_arm = parts.joint_arm[a], &ankle_arm = parts.joint_arm[b];
+  const Double zero = {}, hip_speed = velocity[6 + a], ankle_speed = velocity[6 + b];
+
+  // Outward: w and u are the angular and the linear velocity of one link after the other.
+  Vector w = angular, u = minus_cross_flat(top.arm, w) + linear;
+  const Spatial top_force = holding_force(base, top, w, u);
+
+  const Vector at_hip = hip[leg] * u;
+  w = hip[leg] * w;
+  u = minus_cross_flat(hip_arm, w) + at_hip;
+  w.z = w.z + hip_speed;
+  coriolis_[a] = {{w.y * hip_speed, -(w.x * hip_speed), zero},
+                  {u.y * hip_speed, -(u.x * hip_speed), zero}};
+  const Matrix middle_from_world = hip[leg] * base;
+  u = minus_cross_flat(middle.arm, w) + u;
+  const Spatial middle_force = holding_force(middle_from_world, middle, w, u);
+
+  const Vector at_ankle = ankle[leg] * u;
+  w = ankle[leg] * w;
+  u = cross(-ankle_arm, w) + at_ankle;
+  const Vector turning = {kAnkleX[leg] * ankle_speed, ankle_speed, zero};
+  w.x = w.x + turning.x;
+  w.y = w.y + turning.y;
+  coriolis_[b] = {cross(w, turning), cross(u, turning)};
+  const Matrix bottom_from_world = ankle[leg] * middle_from_world;
+  u = minus_cross_flat(bottom.arm, w) + u;
+  const Spatial bottom_force = holding_force(bottom_from_world, bottom, w, u);
+
+  // Inward: the bottom part, over the ankle, the middle part, over the hip, the top part.
+  Inertia i = rigid_at_joint(bottom);
+  Spatial f = shifted_flat(bottom_force, bottom.arm);
+  pass_joint<true>(leg, torque[b], i, f);
+  Inertia whole = rigid(middle);
+  whole += rotated_back(shifted(i, ankle_arm), ankle[leg]);
+  f = {middle_force.top + transposed_times(ankle[leg], f.top),
+       middle_force.bottom + transposed_times(ankle[leg], f.bottom + cross(ankle_arm, f.top))};
+  i = shifted_flat(whole, middle.arm);
+  f = shifted_flat(f, middle.arm);
+  pass_joint<false>(leg, torque[a], i, f);
+  whole = rigid(top);
+  whole += rotated_back(shifted_flat(i, hip_arm), hip[leg]);
+  f = {top_force.top + transposed_times(hip[leg], f.top),
+       top_force.bottom + transposed_times(hip[leg], f.bottom + cross_flat(hip_arm, f.top))};
+  inertia += shifted_flat(whole, top.arm);
+  f = shifted_flat(f, top.arm);
+  force = {force.top + f.top, force.bottom + f.bottom};
+}
+
+// The last pass: the joints' accelerations that go with the torso's. Of an impulse, they are the
+// changes of speed, which no Coriolis term is part of. y(joint): its y; out: (kJoints,).
+template <bool kCoriolis, class Y>
+ENGINE_INLINE void Articulated::accelerate_joints(const Body<Double>& body,
+                                                  const Kinematics& parts, const Spatial& torso,
+                                                  Y y, Double* out) const {
+  for (int leg = 0; leg < kLegs; ++leg) {
+    const int a = 2 * leg, b = a + 1;
+    Spatial link;
+    Vector before = minus_cross_flat(body.legs[leg][kTop].arm, torso.top) + torso.bottom;
+    link.top = hip[leg] * torso.top;
+    link.bottom = minus_cross_flat(parts.joint_arm[a], link.top) + hip[leg] * before;
+    const Double at_hip = inverse_d_[a] * (y(a) - dot(link, h_[a]));
+    out[a] = at_hip;
+    if (kCoriolis)
+      link = {link.top + coriolis_[a].top, link.bottom + coriolis_[a].bottom};
+    link.top.z = link.top.z + at_hip;
+    before = minus_cross_flat(body.legs[leg][kMiddle].arm, link.top) + link.bottom;
+    link.top = ankle[leg] * link.top;
+    link.bottom = cross(-parts.joint_arm[b], link.top) + ankle[leg] * before;
+    out[b] = inverse_d_[b] * (y(b) - dot(link, h_[b]));
+  }
+}
+
+// Of the torso, from its frame to the world's: (6,).
+ENGINE_INLINE void Articulated::to_world(const Vector& angular, const Vector& linear,
+                                         Double* out) const {
+  const Vector turn = transposed_times(base, angular), move = transposed_times(base, linear);
+  out[0] = turn.x;
+  out[1] = turn.y;
+  out[2] = turn.z;
+  out[3] = move.x;
+  out[4] = move.y;
+  out[5] = move.z;
+}
+
 inline void Articulated::accelerate(const Body<Double>& body, const Kinematics& parts,
                                     const Double* torque, State& state) {
-  const Quaternion& base_rotation = state.rotation;
-  base = matrix(base_rotation);
+  base = matrix(state.rotation);
   for (int leg = 0; leg < kLegs; ++leg) {
     hip[leg] = turn(parts.joint_rotation[2 * leg]);
     ankle[leg] = matrix(parts.joint_rotation[2 * leg + 1]);
@@ -205,97 +309,15 @@ inline void Articulated::accelerate(const Body<Double>& body, const Kinematics& 
   const Vector linear = base * Vector{v[3], v[4], v[5]};
   Spatial force = holding_force(base, body.torso, angular, linear);
   Inertia inertia = rigid(body.torso);
-
-  for (int leg = kLegs - 1; leg >= 0; --leg) {
-    const Part<Double>&top = body.legs[leg][kTop], &middle = body.legs[leg][kMiddle],
-          &bottom = body.legs[leg][kBottom];
-    const int a = 2 * leg, b = a + 1;
-    const Vector &hip_arm = parts.joint_arm[a], &ankle_arm = parts.joint_arm[b];
-    const Double zero = {};
-
-    // Outward.
-    const Vector top_linear = minus_cross_flat(top.arm, angular) + linear;
-    const Spatial top_force = holding_force(base, top, angular, top_linear);
-
-    const Double hip_speed = v[6 + a];
-    Vector w = hip[leg] * angular;
-    Vector u = minus_cross_flat(hip_arm, w) + hip[leg] * top_linear;
-    w.z = w.z + hip_speed;
-    coriolis_[a] = {{w.y * hip_speed, -(w.x * hip_speed), zero},
-                    {u.y * hip_speed, -(u.x * hip_speed), zero}};
-    Matrix middle_from_world;
-    middle_from_world.row[0] = base.row[0] * hip[leg].c - base.row[1] * hip[leg].s;
-    middle_from_world.row[1] = base.row[0] * hip[leg].s + base.row[1] * hip[leg].c;
-    middle_from_world.row[2] = base.row[2];
-    u = minus_cross_flat(middle.arm, w) + u;
-    const Spatial middle_force = holding_force(middle_from_world, middle, w, u);
-
-    const Double ankle_speed = v[6 + b];
-    w = ankle[leg] * w;
-    u = cross(-ankle_arm, w) + ankle[leg] * u;
-    const Vector turning = {kAnkleX[leg] * ankle_speed, ankle_speed, zero};
-    w.x = w.x + turning.x;
-    w.y = w.y + turning.y;
-    coriolis_[b] = {cross(w, turning), cross(u, turning)};
-    const Matrix bottom_from_world = ankle[leg] * middle_from_world;
-    u = minus_cross_flat(bottom.arm, w) + u;
-    const Spatial bottom_force = holding_force(bottom_from_world, bottom, w, u);
-
-    // Inward: the bottom part, over the ankle, the middle part, over the hip, the top part.
-    Inertia i = rigid_at_joint(bottom);
-    Spatial f = shifted_flat(bottom_force, bottom.arm);
-    pass_joint<true>(leg, coriolis_[b], torque[b], i, f);
-    Inertia whole = rigid(middle);
-    whole += rotated_back(shifted(i, ankle_arm), ankle[leg]);
-    const Vector felt = transposed_times(ankle[leg], f.top);
-    f.bottom = middle_force.bottom +
-               transposed_times(ankle[leg], f.bottom + cross(ankle_arm, f.top));
-    f.top = middle_force.top + felt;
-    i = shifted_flat(whole, middle.arm);
-    f = shifted_flat(f, middle.arm);
-    pass_joint<false>(leg, coriolis_[a], torque[a], i, f);
-    whole = rigid(top);
-    whole += rotated_back(shifted_flat(i, hip_arm), hip[leg]);
-    const Vector felt_at_hip = transposed_times(hip[leg], f.top);
-    f.bottom = top_force.bottom +
-               transposed_times(hip[leg], f.bottom + cross_flat(hip_arm, f.top));
-    f.top = top_force.top + felt_at_hip;
-    inertia += shifted_flat(whole, top.arm);
-    f = shifted_flat(f, top.arm);
-    force.top = force.top + f.top;
-    force.bottom = force.bottom + f.bottom;
-  }
+  for (int leg = kLegs - 1; leg >= 0; --leg)
+    add_leg(body, parts, torque, v, leg, angular, linear, inertia, force);
   invert(inertia);
 
-  // Outward: accelerations.
   Double out[kVelocities];
-  const Spatial at_torso = solve(force);
-  for (int leg = 0; leg < kLegs; ++leg) {
-    const int a = 2 * leg, b = a + 1;
-    const Vector at_top =
-        minus_cross_flat(body.legs[leg][kTop].arm, at_torso.top) + at_torso.bottom;
-    Spatial link;
-    link.top = hip[leg] * at_torso.top;
-    link.bottom = minus_cross_flat(parts.joint_arm[a], link.top) + hip[leg] * at_top;
-    const Double hip_out = inverse_d_[a] * (y_[a] - dot(link, h_[a]));
-    out[6 + a] = hip_out;
-    link.top = link.top + coriolis_[a].top;
-    link.bottom = link.bottom + coriolis_[a].bottom;
-    link.top.z = link.top.z + hip_out;
-    const Vector at_middle =
-        minus_cross_flat(body.legs[leg][kMiddle].arm, link.top) + link.bottom;
-    link.top = ankle[leg] * link.top;
-    link.bottom = cross(-parts.joint_arm[b], link.top) + ankle[leg] * at_middle;
-    out[6 + b] = inverse_d_[b] * (y_[b] - dot(link, h_[b]));
-  }
-  const Vector turn_out = transposed_times(base, at_torso.top);
-  const Vector move_out = transposed_times(base, at_torso.bottom + cross(angular, linear));
-  out[0] = turn_out.x;
-  out[1] = turn_out.y;
-  out[2] = turn_out.z;
-  out[3] = move_out.x;
-  out[4] = move_out.y;
-  out[5] = move_out.z;
+  const Spatial torso = solve(force);
+  accelerate_joints<true>(body, parts, torso, [this](int joint) { return y_[joint]; }, out + 6);
+  // The torso's frame turns: its velocity changes in the world by this much more.
+  to_world(torso.top, torso.bottom + cross(angular, linear), out);
   for (int i = 0; i < kVelocities; ++i)
     state.velocity[i] = clamp_velocity(state.velocity[i] + out[i] * kSubstep);
 }
@@ -324,35 +346,14 @@ __attribute__((noinline)) inline void Articulated::respond(const Body<Double>& b
     f.top = transposed_times(hip[leg], top);
     f.bottom = transposed_times(hip[leg], bottom + cross_flat(parts.joint_arm[a], top));
     f = shifted_flat(f, body.legs[leg][kTop].arm);
-    torso.top = torso.top + f.top;
-    torso.bottom = torso.bottom + f.bottom;
+    torso = {torso.top + f.top, torso.bottom + f.bottom};
   }
-  const Spatial at_torso = solve(torso);
-  for (int other = 0; other < kLegs; ++other) {
-    const int a = 2 * other, b = a + 1;
-    const Vector at_top =
-        minus_cross_flat(body.legs[other][kTop].arm, at_torso.top) + at_torso.bottom;
-    Spatial link;
-    link.top = hip[other] * at_torso.top;
-    link.bottom = minus_cross_flat(parts.joint_arm[a], link.top) + hip[other] * at_top;
-    const Double hip_out =
-        inverse_d_[a] * ((other == leg ? y_hip : Double{}) - dot(link, h_[a]));
-    out[6 + a] = hip_out;
-    link.top.z = link.top.z + hip_out;
-    const Vector at_middle =
-        minus_cross_flat(body.legs[other][kMiddle].arm, link.top) + link.bottom;
-    link.top = ankle[other] * link.top;
-    link.bottom = cross(-parts.joint_arm[b], link.top) + ankle[other] * at_middle;
-    out[6 + b] = inverse_d_[b] * ((other == leg ? y_ankle : Double{}) - dot(link, h_[b]));
-  }
-  const Vector turn_out = transposed_times(base, at_torso.top);
-  const Vector move_out = transposed_times(base, at_torso.bottom);
-  out[0] = turn_out.x;
-  out[1] = turn_out.y;
-  out[2] = turn_out.z;
-  out[3] = move_out.x;
-  out[4] = move_out.y;
-  out[5] = move_out.z;
+  torso = solve(torso);
+  const auto y = [=](int joint) {
+    return joint / 2 != leg ? Double{} : joint % 2 == 0 ? y_hip : y_ankle;
+  };
+  accelerate_joints<false>(body, parts, torso, y, out + 6);
+  to_world(torso.top, torso.bottom, out);
 }
 
 }  // namespace ENGINE::ant

@@ -1,7 +1,8 @@
 // Vectors, matrices and quaternions (Bullet's LinearMath), of single numbers and of lanes.
 //
 // The order of each sum is Bullet's. Where a factor is known to be zero, its product is left out:
-// that changes no bit but the sign of a zero, of which no other bit was ever seen to depend.
+// adding it would change nothing but the sign of a zero, and no bit that engine/verify.py compares
+// depends on one.
 #pragma once
 
 #include "ant/bullet/settings.h"
@@ -139,6 +140,9 @@ ENGINE_INLINE Vector operator*(const Turn& r, const Vector& v) {
 }
 ENGINE_INLINE Vector transposed_times(const Turn& r, const Vector& v) {
   return {r.c * v.x + r.s * v.y, r.c * v.y - r.s * v.x, v.z};
+}
+ENGINE_INLINE Matrix operator*(const Turn& r, const Matrix& m) {
+  return {{m.row[0] * r.c - m.row[1] * r.s, m.row[0] * r.s + m.row[1] * r.c, m.row[2]}};
 }
 // rᵀ m r
 ENGINE_INLINE Matrix rotated_back(const Matrix& m, const Turn& r) {

@@ -13,11 +13,6 @@ struct Motion {
   Rot q;   // rotation by a
   Vec2 v;
   float w;
-
-  void turn_to(float angle) {
-    a = angle;
-    q = rotation(angle);
-  }
 };
 
 // One touching contact, as the velocity solver sees it (b2ContactVelocityConstraint).

@@ -286,22 +286,59 @@ inline float time_of_impact(const Hull& terrain, const Hull& body, Sweep sweep) 
   return none;
 }
 
+// Cuts iterations short without changing their result. An iteration is a function of the state
+// alone, so once a state comes back, the rest of the iterations goes round in the same cycle (often
+// of length one) and only the last, partial round is left to do. Brent's way of finding cycles: the
+// state is compared with one mark, which moves on after 1, 2, 4, ... iterations.
+template <int kCapacity>
+class CycleWatch {
+ public:
+  // `end`: number of iterations to do in all.
+  CycleWatch(int end, int size) : end_(end), size_(size) {}
+
+  int end() const { return end_; }
+
+  // To be called with the state after each iteration, `done` of them so far. A state that a loop
+  // starts from need not be shown.
+  void watch(const float* state, int done) {
+    if (last_round_) return;
+    bool back = marked_ > 0;
+    for (int i = 0; back && i < size_; ++i) back = state[i] == mark_[i];
+    if (back) {
+      end_ = done + (end_ - done) % (done - marked_);
+      last_round_ = true;
+    } else if (done == next_) {
+      for (int i = 0; i < size_; ++i) mark_[i] = state[i];
+      marked_ = done;
+      next_ = 2 * done;
+    }
+  }
+
+ private:
+  int end_, size_;
+  int marked_ = 0, next_ = 1;
+  bool last_round_ = false;
+  float mark_[kCapacity];
+};
+
 // The island of one continuous collision: one body and its contacts with the terrain, solved
 // without joints (b2Island::SolveTOI).
 inline void solve_island(Body& body, Contact** contacts, int count, float dt) {
-  Motion motion;
-  motion.c = body.sweep.c;
-  motion.v = body.velocity;
-  motion.w = body.angular_velocity;
-  motion.turn_to(body.sweep.a);
+  Place<float> at = {body.sweep.c.x, body.sweep.c.y};
+  turn(at, body.sweep.a, true);
+  const BodyTerms<float> own = body_terms(body);
+  OverlapTerms<float> overlaps[kMaxToiContacts];
+  for (int k = 0; k < count; ++k) overlaps[k] = overlap_terms(contacts[k]->manifold);
   for (int i = 0; i < kToiPositionIterations; ++i) {
     float smallest = 0.0f;
     for (int k = 0; k < count; ++k)
-      smallest = minimum(smallest, correct_contact(*contacts[k], body, motion, kToiBaumgarte));
+      correct_contact(overlaps[k], own, at, kToiBaumgarte, true, smallest);
     if (smallest >= -1.5f * kLinearSlop) break;
   }
-  body.sweep.c0 = motion.c;
-  body.sweep.a0 = motion.a;
+  body.sweep.c0 = {at.x, at.y};
+  body.sweep.a0 = at.a;
+  const Motion motion = {{at.x, at.y}, at.a, {at.s, at.c}};
+  float vx = body.velocity.x, vy = body.velocity.y, w = body.angular_velocity;
 
   ContactTerms<float> terms[kMaxToiContacts];
   ContactImpulses<float> impulses[kMaxToiContacts];
@@ -318,11 +355,11 @@ inline void solve_island(Body& body, Contact** contacts, int count, float dt) {
   CycleWatch<3 + kImpulses * kMaxToiContacts> cycle(kVelocityIterations, 3 + kImpulses * count);
   for (int i = 0; i < cycle.end(); ++i) {
     for (int k = 0; k < count; ++k)
-      solve_contact_terms(terms[k], two[k], impulses[k], motion.v.x, motion.v.y, motion.w);
+      solve_contact_terms(terms[k], two[k], impulses[k], vx, vy, w);
     float state[3 + kImpulses * kMaxToiContacts];
-    state[0] = motion.v.x;
-    state[1] = motion.v.y;
-    state[2] = motion.w;
+    state[0] = vx;
+    state[1] = vy;
+    state[2] = w;
     for (int k = 0; k < count; ++k) {
       float* to = state + 3 + kImpulses * k;
       to[0] = impulses[k].normal1;
@@ -332,12 +369,12 @@ inline void solve_island(Body& body, Contact** contacts, int count, float dt) {
     }
     cycle.watch(state, i + 1);
   }
-  integrate(motion, dt);
-  body.sweep.c = motion.c;
-  body.sweep.a = motion.a;
-  body.velocity = motion.v;
-  body.angular_velocity = motion.w;
+  integrate(at, vx, vy, w, dt, true);
+  body.sweep.c = {at.x, at.y};
+  body.sweep.a = at.a;
   body.synchronize_transform();
+  body.velocity = {vx, vy};
+  body.angular_velocity = w;
 }
 
 // b2World::SolveTOI.

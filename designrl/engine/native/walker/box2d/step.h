@@ -1,9 +1,21 @@
-// b2World::Step, in two halves around the velocity iterations, which many worlds make side by side.
+// b2World::Step, in two halves around the iterations, which many worlds make side by side.
 #pragma once
 
 #include "walker/box2d/continuous.h"
 
 namespace ENGINE::walker {
+
+// What many worlds make side by side, one in each lane.
+struct Solver {
+  VelocitySolver velocities;
+  PositionSolver positions;
+
+  // For the first `lanes` lanes.
+  void solve(int lanes) {
+    velocities.solve(lanes);
+    positions.solve(velocities, lanes);
+  }
+};
 
 // A step of one world; to be called with the same world all along.
 class Step {
@@ -24,23 +36,29 @@ class Step {
     }
   }
 
-  // Orders worlds so that those with the same number of contacts on the same bodies come next to
-  // each other: in one vector, they waste no lanes of the velocity solver.
-  uint32_t contact_pattern() const {
+  // Orders worlds so that those with the same number of contacts on the same bodies, then those
+  // with the same joints at their limits in the step before, come next to each other: in one
+  // vector, they waste no lanes of the velocity solver.
+  uint32_t pattern(const World& world) const {
     uint32_t pattern = 0;
     for (int b : kIslandBodies) {
-      const int count = touching_count_[b];
-      pattern = pattern << 4 | unsigned(count < 15 ? count : 15);
+      // Up and down in turn, so that neighbours differ in one count only.
+      const unsigned count = touching_count_[b] < 15 ? unsigned(touching_count_[b]) : 15;
+      pattern = pattern << 4 | (pattern & 1 ? 15 - count : count);
     }
+    for (const Joint& joint : world.joints)
+      pattern = pattern << 1 | ((joint.limit != kInactive) ^ (pattern & 1));
     return pattern;
   }
 
   // b2Island::Solve up to the velocity iterations.
-  void load(World& world, VelocitySolver& solver, int lane) {
+  void load(World& world, Solver& solver, int lane) {
+    VelocitySolver& velocities = solver.velocities;
+    Motion motions[kBodies];
     const float dt_ratio = world.inverse_dt_before * kTimeStep;
     for (int b = 0; b < kBodies; ++b) {
       Body& body = world.bodies[b];
-      Motion& motion = motions_[b];
+      Motion& motion = motions[b];
       body.sweep.c0 = body.sweep.c;
       body.sweep.a0 = body.sweep.a;
       motion.c = body.sweep.c;
@@ -59,47 +77,52 @@ class Step {
       for (int k = 0; k < touching_count_[b]; ++k) {
         ContactConstraint constraint;
         const Contact& contact = world.contacts[touching_[b][k]];
-        prepare_contact(constraint, contact, body, motions_[b], dt_ratio);
-        load_contact(solver, lane, b, k, constraint, body);
-        warm_start(constraint, body, motions_[b]);
+        prepare_contact(constraint, contact, body, motions[b], dt_ratio);
+        load_contact(velocities, lane, b, k, constraint, body);
+        solver.positions.load_contact(lane, b, k, contact.manifold);
+        warm_start(constraint, body, motions[b]);
       }
-      solver.contact_count[b][lane] = touching_count_[b];
+      velocities.contact_count[b][lane] = touching_count_[b];
     }
-    for (int j : kIslandJoints)
-      load_joint(solver, lane, j, world.joints[j], world.bodies, motions_, dt_ratio);
+    IslandTerms<float> terms;
+    for (int j : kIslandJoints) {
+      Joint& joint = world.joints[j];
+      load_joint(velocities, lane, j, joint, world.bodies, motions, dt_ratio);
+      terms.joints[j] = joint_terms(joint, world.bodies[kJointA[j]], world.bodies[kJointB[j]]);
+    }
     for (int b = 0; b < kBodies; ++b) {
-      solver.vx[b].lane[lane] = motions_[b].v.x;
-      solver.vy[b].lane[lane] = motions_[b].v.y;
-      solver.w[b].lane[lane] = motions_[b].w;
+      const Motion& motion = motions[b];
+      velocities.vx[b].lane[lane] = motion.v.x;
+      velocities.vy[b].lane[lane] = motion.v.y;
+      velocities.w[b].lane[lane] = motion.w;
+      terms.places[b] = {motion.c.x, motion.c.y, motion.a, motion.q.s, motion.q.c};
+      terms.bodies[b] = body_terms(world.bodies[b]);
     }
+    solver.positions.load(lane, terms);
   }
 
-  // b2Island::Solve after the velocity iterations: takes the impulses and velocities.
-  void store(World& world, const VelocitySolver& solver, int lane) {
+  // b2Island::Solve after the iterations: takes the impulses, velocities and positions.
+  void store(World& world, const Solver& solver, int lane) {
+    const VelocitySolver& velocities = solver.velocities;
     for (int b = 0; b < kBodies; ++b) {
       for (int k = 0; k < touching_count_[b]; ++k)
-        store_contact(solver, lane, b, k, world.contacts[touching_[b][k]]);
-      motions_[b].v = {solver.vx[b].lane[lane], solver.vy[b].lane[lane]};
-      motions_[b].w = solver.w[b].lane[lane];
+        store_contact(velocities, lane, b, k, world.contacts[touching_[b][k]]);
+      Body& body = world.bodies[b];
+      body.velocity = {velocities.vx[b].lane[lane], velocities.vy[b].lane[lane]};
+      body.angular_velocity = velocities.w[b].lane[lane];
+      const Place<float> at = solver.positions.place(lane, b);
+      body.sweep.c = {at.x, at.y};
+      body.sweep.a = at.a;
+      body.xf.q = {at.s, at.c};
+      body.xf.p = body.sweep.c - mul(body.xf.q, body.sweep.local_center);
     }
-    for (int j = 0; j < kJoints; ++j) store_joint(solver, lane, j, world.joints[j]);
+    for (int j = 0; j < kJoints; ++j) store_joint(velocities, lane, j, world.joints[j]);
+    solved_ = solver.positions.solved(lane);
   }
 
   // The rest of b2World::Step.
   void finish(World& world) {
-    for (Motion& motion : motions_) integrate(motion, kTimeStep);
-    const bool solved = correct_positions(world);
-    for (int b = 0; b < kBodies; ++b) {
-      Body& body = world.bodies[b];
-      const Motion& motion = motions_[b];
-      body.sweep.c = motion.c;
-      body.sweep.a = motion.a;
-      body.velocity = motion.v;
-      body.angular_velocity = motion.w;
-      body.xf.q = motion.q;
-      body.xf.p = motion.c - mul(motion.q, body.sweep.local_center);
-    }
-    fall_asleep(world, solved);
+    fall_asleep(world, solved_);
     for (int b = kBodies - 1; b >= 0; --b) world.synchronize_box(b);
     world.find_new_contacts();
     solve_continuous(world);
@@ -109,40 +132,9 @@ class Step {
   }
 
  private:
-  Motion motions_[kBodies];
+  bool solved_;  // the position errors of this step became small
   int touching_count_[kBodies];
   int16_t touching_[kBodies][kMaxTouching];  // slots of touching contacts, newest first
-
-  // Position iterations of b2Island::Solve; whether the errors became small.
-  //
-  // A joint that a motor holds beyond its limit keeps a quarter of all steps from ever converging;
-  // most of those soon go round in a cycle of positions.
-  bool correct_positions(World& world) {
-    CycleWatch<3 * kBodies> cycle(kPositionIterations, 3 * kBodies);
-    for (int i = 0; i < cycle.end(); ++i) {
-      float smallest = 0.0f;
-      for (int b : kIslandBodies)
-        for (int k = 0; k < touching_count_[b]; ++k)
-          smallest = minimum(smallest, correct_contact(world.contacts[touching_[b][k]],
-                                                       world.bodies[b], motions_[b], kBaumgarte));
-      bool joints_good = true;
-      for (int j : kIslandJoints) {
-        const int a = kJointA[j], b = kJointB[j];
-        const bool good = correct_joint(world.joints[j], world.bodies[a], world.bodies[b],
-                                        motions_[a], motions_[b]);
-        joints_good = joints_good && good;
-      }
-      if (smallest >= -3.0f * kLinearSlop && joints_good) return true;
-      float state[3 * kBodies];
-      for (int b = 0; b < kBodies; ++b) {
-        state[b] = motions_[b].a;
-        state[kBodies + 2 * b] = motions_[b].c.x;
-        state[kBodies + 2 * b + 1] = motions_[b].c.y;
-      }
-      cycle.watch(state, i + 1);
-    }
-    return false;
-  }
 
   // Sleep of b2Island::Solve: half a second without motion stops the bodies for the rest of this
   // step (the next command wakes them).

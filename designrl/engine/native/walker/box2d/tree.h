@@ -1,5 +1,6 @@
 // The dynamic tree of fattened boxes (b2DynamicTree): its shape, down to the numbering of its
-// nodes, decides the order in which contacts are made and which fixture a v2 ray meets first.
+// nodes, decides the order in which contacts are made and which fixture a v2 ray meets first. It is
+// kept for this order; what is near is found through terrain_index.h.
 #pragma once
 
 #include "walker/box2d/math2d.h"
@@ -55,23 +56,19 @@ struct Tree {
     return true;
   }
 
-  // Calls visit(leaf) for every leaf whose box overlaps the given one.
-  template <class Visit>
-  void query(const Aabb& box, Visit visit) const {
-    int stack[kMaxNodes], count = 0;
-    int index = root;
-    for (;;) {
-      const Node& node = nodes[index];
-      const bool inside = overlap(node.box, box);
-      if (inside && !node.is_leaf()) {
-        stack[count++] = node.child1;
-        index = node.child2;
-        continue;
-      }
-      if (inside) visit(index);
-      if (count == 0) return;
-      index = stack[--count];
+  // Whether a query or a ray, which go down to child 2 first, come to leaf a before leaf b.
+  bool before(int a, int b) const {
+    int above_a = nodes[a].parent, above_b = nodes[b].parent;
+    while (above_a != above_b) {
+      // The higher one may be an ancestor of both already. Which one that is cannot be predicted:
+      // without a branch.
+      const bool climbs_a = nodes[above_a].height < nodes[above_b].height;
+      const int next = nodes[climbs_a ? above_a : above_b].parent;
+      a = climbs_a ? above_a : a;
+      above_a = climbs_a ? next : above_a;
+      above_b = climbs_a ? above_b : next;
     }
+    return nodes[above_a].child2 == a;
   }
 
  private:

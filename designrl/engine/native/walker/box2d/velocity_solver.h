@@ -68,13 +68,13 @@ struct VelocitySolver {
   template <int kUsedChunks>
   void iterate(const Pass* passes, int pass_count);
   template <int kUsedChunks>
-  void solve_joint(int joint, bool limits);
+  void solve_joint(int joint, const bool* limits);
   void solve_contact(int body, ContactRows& rows, int c);
 };
 
-// b2RevoluteJoint::SolveVelocityConstraints. `limits`: some lane's joint is at a limit.
+// b2RevoluteJoint::SolveVelocityConstraints. `limits`: (kUsedChunks,) some lane's joint is at one.
 template <int kUsedChunks>
-inline void VelocitySolver::solve_joint(int joint, bool limits) {
+inline void VelocitySolver::solve_joint(int joint, const bool* limits) {
   JointRows& j = joints[joint];
   const int a = kJointA[joint], b = kJointB[joint];
   for (int c = 0; c < kUsedChunks; ++c) {
@@ -107,7 +107,7 @@ inline void VelocitySolver::solve_joint(int joint, bool limits) {
     Vector py = det22 * (k11 * hy - k12 * hx);
     Vector pz = {};
 
-    if (limits) {
+    if (limits[c]) {
       const Mask lower = j.lower.chunk(c), upper = j.upper.chunk(c);
       const Vector zero = {};
       const Vector cz = bw - aw;
@@ -160,7 +160,8 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
     vy = vy + t.m * py;
     w = w + t.i * (t.r1x * py - t.r1y * px);
   }
-  {
+  const bool any_two = any(two);
+  if (any_two) {
     const F dx = vx - w * t.r2y, dy = vy + w * t.r2x;
     const F vt = dx * tx + dy * ty;
     const F before = impulses.tangent2, limit = t.friction * a2;
@@ -174,29 +175,32 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
   }
 
   const F d1x = vx - w * t.r1y, d1y = vy + w * t.r1x;
-  const F d2x = vx - w * t.r2y, d2y = vy + w * t.r2x;
-  const F vn1 = d1x * t.nx + d1y * t.ny, vn2 = d2x * t.nx + d2y * t.ny;
+  const F vn1 = d1x * t.nx + d1y * t.ny;
   // One point: its accumulated impulse stays positive.
-  const F single = maximum(a1 - t.normal_mass1 * vn1, zero);
-  // Two points: the first of four cases that solves the complementarity problem; in none of them,
-  // the impulses stay.
-  const F b1 = vn1 - (t.k11 * a1 + t.k12 * a2), b2 = vn2 - (t.k12 * a1 + t.k22 * a2);
-  const F both1 = -(t.inverse11 * b1 + t.inverse12 * b2);
-  const F both2 = -(t.inverse21 * b1 + t.inverse22 * b2);
-  const F only1 = -(t.normal_mass1 * b1), only2 = -(t.normal_mass2 * b2);
-  const M case1 = both(at_least(both1, zero), at_least(both2, zero));
-  const M case2 = both(at_least(only1, zero), at_least(t.k12 * only1 + b2, zero));
-  const M case3 = both(at_least(only2, zero), at_least(t.k12 * only2 + b1, zero));
-  const M case4 = both(at_least(b1, zero), at_least(b2, zero));
-  F n1 = select(case4, zero, a1), n2 = select(case4, zero, a2);
-  n1 = select(case3, zero, n1);
-  n2 = select(case3, only2, n2);
-  n1 = select(case2, only1, n1);
-  n2 = select(case2, zero, n2);
-  n1 = select(case1, both1, n1);
-  n2 = select(case1, both2, n2);
-  n1 = select(two, n1, single);
-  n2 = select(two, n2, a2);
+  F n1 = maximum(a1 - t.normal_mass1 * vn1, zero), n2 = a2;
+  if (any_two) {
+    // Two points: the first of four cases that solves the complementarity problem; in none of them,
+    // the impulses stay.
+    const F d2x = vx - w * t.r2y, d2y = vy + w * t.r2x;
+    const F vn2 = d2x * t.nx + d2y * t.ny;
+    const F b1 = vn1 - (t.k11 * a1 + t.k12 * a2), b2 = vn2 - (t.k12 * a1 + t.k22 * a2);
+    const F both1 = -(t.inverse11 * b1 + t.inverse12 * b2);
+    const F both2 = -(t.inverse21 * b1 + t.inverse22 * b2);
+    const F only1 = -(t.normal_mass1 * b1), only2 = -(t.normal_mass2 * b2);
+    const M case1 = both(at_least(both1, zero), at_least(both2, zero));
+    const M case2 = both(at_least(only1, zero), at_least(t.k12 * only1 + b2, zero));
+    const M case3 = both(at_least(only2, zero), at_least(t.k12 * only2 + b1, zero));
+    const M case4 = both(at_least(b1, zero), at_least(b2, zero));
+    F m1 = select(case4, zero, a1), m2 = select(case4, zero, a2);
+    m1 = select(case3, zero, m1);
+    m2 = select(case3, only2, m2);
+    m1 = select(case2, only1, m1);
+    m2 = select(case2, zero, m2);
+    m1 = select(case1, both1, m1);
+    m2 = select(case1, both2, m2);
+    n1 = select(two, m1, n1);
+    n2 = select(two, m2, n2);
+  }
   impulses.normal1 = n1;
   impulses.normal2 = n2;
 
@@ -244,10 +248,10 @@ inline int VelocitySolver::find_passes(Pass* passes, int chunks) {
 
 template <int kUsedChunks>
 inline void VelocitySolver::iterate(const Pass* passes, int pass_count) {
-  bool limits[kJoints] = {};
+  bool limits[kJoints][kUsedChunks];
   for (int j = 0; j < kJoints; ++j)
     for (int c = 0; c < kUsedChunks; ++c)
-      limits[j] |= any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
+      limits[j][c] = any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
   for (int iteration = 0; iteration < kVelocityIterations; ++iteration) {
     for (int joint : kIslandJoints) solve_joint<kUsedChunks>(joint, limits[joint]);
     for (int i = 0; i < pass_count; ++i)
@@ -261,9 +265,11 @@ inline void VelocitySolver::solve(int lanes) {
   Pass passes[kBodies * kChunks * kMaxTouching];
   const int chunks = (lanes + kWidth - 1) / kWidth;
   const int pass_count = find_passes(passes, chunks);
-  static_assert(kChunks == 2, "one branch for each number of chunks in use");
+  static_assert(kChunks == 4, "one branch for each number of chunks in use");
   if (chunks == 1) iterate<1>(passes, pass_count);
-  else iterate<2>(passes, pass_count);
+  else if (chunks == 2) iterate<2>(passes, pass_count);
+  else if (chunks == 3) iterate<3>(passes, pass_count);
+  else iterate<4>(passes, pass_count);
 }
 
 }  // namespace ENGINE::walker

@@ -3,6 +3,7 @@
 
 #include "walker/box2d/body.h"
 #include "walker/box2d/narrow_phase.h"
+#include "walker/box2d/terrain_index.h"
 #include "walker/box2d/tree.h"
 
 namespace ENGINE::walker {
@@ -93,6 +94,7 @@ struct World {
   SweptPolygon sweeps[kBodies];  // of the step so far
   Joint joints[kJoints];
   Terrain terrain[kMaxTerrain];  // in order of creation
+  TerrainIndex index;
   Tree tree;
 
   // Contacts live in slots; `order` lists them from the oldest to the newest. Box2D walks its
@@ -105,7 +107,7 @@ struct World {
   int moved[8 * kBodies];  // bodies whose boxes were put into the tree anew
   int moved_count;
   float inverse_dt_before;  // 1/s; 0 before the first step
-  bool overflow;            // a capacity was exceeded: the episode is void
+  bool overflow;            // a capacity was exceeded, or an action is no number: void
 
   ContactListener listener;
 
@@ -114,6 +116,7 @@ struct World {
   // An empty world; its bodies and joints are placed anew.
   void clear() {
     terrain_count = 0;
+    index.clear();
     tree.clear();
     contact_count = 0;
     free_count = kMaxContacts;
@@ -124,7 +127,7 @@ struct World {
     inverse_dt_before = 0.0f;
   }
 
-  // Terrain comes before the bodies: see narrow_phase.h.
+  // Terrain comes before the bodies (see narrow_phase.h), and index.finish() between them.
   void add_edge(Vec2 a, Vec2 b) {
     if (!has_room()) return;
     terrain[terrain_count].set_edge(a, b);
@@ -176,7 +179,7 @@ struct World {
     for (int i = contact_count - 1; i >= 0; --i) {
       Contact& c = contact(i);
       if (!bodies[c.body].awake) continue;
-      const Aabb& box_a = tree.nodes[terrain[c.terrain].proxy].box;
+      const Aabb& box_a = index.box(c.terrain);
       const Aabb& box_b = tree.nodes[bodies[c.body].proxy].box;
       if (overlap(box_a, box_b)) update_contact(c);
       else destroy_contact(i);
@@ -190,14 +193,16 @@ struct World {
     int count = 0;
     for (int m = 0; m < moved_count; ++m) {
       int body = moved[m];
-      tree.query(tree.nodes[bodies[body].proxy].box, [&](int leaf) {
-        if (tree.nodes[leaf].item < kBodies) return;  // a moving body
+      const Aabb box = tree.nodes[bodies[body].proxy].box;
+      index.each(box.lower.x, box.upper.x, [&](int piece) {
+        if (!overlap(index.box(piece), box)) return;
         if (count == kMaxContacts) {
           overflow = true;
           return;
         }
         // In order of the terrain's node, then the body's. Insertion sort: pairs are few.
-        uint64_t key = uint64_t(leaf) << 32 | uint64_t(bodies[body].proxy) << 8 | unsigned(body);
+        const uint64_t leaf = uint64_t(terrain[piece].proxy);
+        uint64_t key = leaf << 32 | uint64_t(bodies[body].proxy) << 8 | unsigned(body);
         int at = count++;
         for (; at > 0 && pairs[at - 1] > key; --at) pairs[at] = pairs[at - 1];
         pairs[at] = key;
@@ -234,6 +239,7 @@ struct World {
   void add_to_tree(Terrain& piece) {
     piece.alpha0 = 0.0f;
     piece.proxy = tree.create(piece.box, kBodies + terrain_count++);
+    index.add(tree.nodes[piece.proxy].box);
   }
 
   void add_contact(int body, int terrain) {
