@@ -17,7 +17,7 @@ import safetensors
 import safetensors.numpy
 from mcap.writer import MCAP0_MAGIC
 
-from designrl.errors import InputError
+from designrl.errors import InputError, printable
 from designrl.experiments import Experiment, Network, get_experiment
 from designrl.files import file_hash, read_limited, write_atomically
 from designrl.policy import Agent
@@ -31,6 +31,7 @@ _WHAT_TO_DO = {
 }
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
+MAX_DEPTH = 20  # of values in the metadata; ours is 3
 
 
 def _read(path: Path) -> bytes:
@@ -65,6 +66,8 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
         tensors = safetensors.numpy.load(data)
         header = json.loads(data[8 : 8 + header_bytes])
         metadata = json.loads(header["__metadata__"]["designrl"])
+        if _is_deep(metadata, MAX_DEPTH):
+            raise ValueError("what recursion later would not get through")
     except (safetensors.SafetensorError, KeyError, TypeError, ValueError, RecursionError):
         raise InputError(damaged) from None
     found = metadata.get("format") if isinstance(metadata, dict) else None
@@ -78,6 +81,12 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
     if metadata.pop("sha256", None) not in (None, _content_hash(tensors, metadata)):
         raise InputError(damaged)
     return tensors, metadata
+
+
+def _is_deep(value, left: int) -> bool:
+    """Nested more than so many times."""
+    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return left == 0 or any(_is_deep(child, left - 1) for child in inside)
 
 
 def _content_hash(tensors: dict[str, np.ndarray], metadata: dict) -> str:
@@ -187,13 +196,19 @@ def describe(path: str | Path) -> str:
     path = Path(path)
     if path.suffix == ".json":
         parameters, score = _read_published(path)
-        return f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
+        text = f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
+        return printable(text)
     with contextlib.suppress(InputError):  # if it is no state, `load` says what is wrong
         _, state = read_tensors(path, STATE_FORMAT)
-        about = {**state.get("progress", {}), "settings": state.get("settings")}
-        title = f"{path}: state of a training run of {state.get('experiment')}; "
-        title += "`designrl train ... --resume` goes on with it"
-        return "\n".join([title, *(f"{key:15}  {value}" for key, value in about.items())])
+        progress = state.get("progress")
+        about = progress if isinstance(progress, dict) else {"progress": progress}
+        lines = [
+            f"{path}: state of a training run of {state.get('experiment')}; "
+            "`designrl train ... --resume` goes on with it"
+        ]
+        about = {**about, "settings": state.get("settings")}
+        lines += [f"{key:15}  {value}" for key, value in about.items()]
+        return "\n".join(map(printable, lines))
     agent = load(path)
     m = agent.metadata
     lines = [
@@ -219,4 +234,4 @@ def describe(path: str | Path) -> str:
         rows = zip(space.names, agent.design, space.dimensions(agent.design), strict=True)
         for name, scale, size in rows:
             lines.append(f"  {name:28} {100 * scale:6.1f} %  {size:8.3f}")
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))

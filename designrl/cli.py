@@ -8,15 +8,16 @@ import shlex
 import signal
 import sys
 import typing
+from contextlib import suppress
 from pathlib import Path
 
-from designrl.errors import InputError
+from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import read_limited
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
-EXIT_INTERRUPTED = 130  # as a shell reports a process that SIGINT ended
+EXIT_INTERRUPTED, EXIT_PIPE = 130, 141  # as a shell reports what SIGINT or SIGPIPE ended
 
 
 def available_cores() -> int:
@@ -61,7 +62,7 @@ def _train(args) -> None:
         more = "give --generations more than that to go on"
         if done < settings.generations:
             more = f"it has reached the score of {stop:g} at which it was to end"
-        print(f"{out} has {done} generations; {more}")
+        print(printable(f"{out} has {done} generations; {more}"))
         return
     if args.dry_run:
         from designrl.plan import dry_run
@@ -71,8 +72,7 @@ def _train(args) -> None:
     if args.resume and not run.progress.generation:
         others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
         others = f" ({out.parent} has {others})" if others else ""
-        said = f"{out} holds no generations to go on with; this is a new run{others}"
-        print(said, file=sys.stderr)
+        remark(f"{out} holds no generations to go on with; this is a new run{others}")
     for polite in (signal.SIGTERM, signal.SIGHUP):  # they save, too
         signal.signal(polite, signal.default_int_handler)
     try:
@@ -81,17 +81,16 @@ def _train(args) -> None:
         words = [word for word in sys.argv[1:] if word != "--resume"]
         generation = run.progress.generation
         saved = f"saved in {out}" if generation else "nothing to save yet"
-        print(
-            f"\nstopped at generation {generation}, {saved}; go on with:\n"
-            f"  designrl {shlex.join(words)} --resume",
-            file=sys.stderr,
-        )
+        print(file=sys.stderr)
+        remark(f"stopped at generation {generation}, {saved}; go on with:")
+        remark(f"  designrl {shlex.join(words)} --resume")
         sys.exit(EXIT_INTERRUPTED)
     p = run.progress
-    print(
+    done = (
         f"{out}/best.safetensors: {p.best_score:.1f} at generation {p.best_generation}, "
         f"{p.total_steps:,} environment steps, {p.cpu_seconds / 3600:.2f} core-hours"
     )
+    print(printable(done))
 
 
 def _evaluate(args) -> None:
@@ -127,11 +126,11 @@ def _import(args) -> None:
 
     _require_new(args.output)
     save(load_published(args.file, get_experiment(args.experiment)), args.output)
-    print(f"{args.output} written")
+    print(printable(f"{args.output} written"))
 
 
 def _require_new(path: str) -> None:
-    if Path(path).exists():
+    if os.path.lexists(path):  # a link that leads nowhere is something, too
         raise InputError(f"{path} exists already; remove it or choose another name")
 
 
@@ -148,7 +147,8 @@ def _record(args) -> None:
     check_episodes(args.episode + 1, args.seed)
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     score = record_rollout(load(args.file, args.experiment), args.output, seed)
-    print(f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}")
+    said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
+    print(printable(said))
 
 
 def _replay(args) -> None:
@@ -156,7 +156,7 @@ def _replay(args) -> None:
 
     replay(args.files, save=args.save, screenshot=args.headless_screenshot)
     for path in filter(None, (args.save, args.headless_screenshot)):
-        print(f"{path} written")
+        print(printable(f"{path} written"))
 
 
 def _info(args) -> None:
@@ -166,12 +166,7 @@ def _info(args) -> None:
         from designrl.recording import describe
     else:
         from designrl.checkpoint import describe
-    print("\n".join(map(_printable, describe(args.file).split("\n"))))
-
-
-def _printable(text: str) -> str:
-    """Text from a stranger's file, without what would command the terminal."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    print(describe(args.file))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -277,11 +272,14 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     try:
         args.function(args)
+        sys.stdout.flush()
     except InputError as error:
-        print(f"designrl: {_printable(str(error))}", file=sys.stderr)
+        remark(f"designrl: {error}")
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        sys.stderr.close()  # `designrl ... | head`: the reader has left
-        sys.exit(0)
+    except BrokenPipeError:  # `designrl ... | head`: the reader has left
+        for stream in (sys.stdout, sys.stderr):  # Python flushes them once more
+            with suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        sys.exit(EXIT_PIPE)

@@ -1,4 +1,8 @@
-"""The one error type that means "the input is wrong", as opposed to a bug."""
+"""The one error type that means "the input is wrong", as opposed to a bug, and how it is said."""
+
+import sys
+
+MAX_SENTENCE = 2000  # characters that are printed of one
 
 
 class InputError(ValueError):
@@ -7,3 +11,16 @@ class InputError(ValueError):
     The message is one sentence that names the thing and what to do about it. The command line
     prints it and exits with code 2.
     """
+
+
+def printable(text: str) -> str:
+    """Text from a stranger's file or a file's name, without what would command the terminal."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def remark(text: str) -> None:
+    """Print a sentence on stderr, in one line."""
+    text, half = printable(text), MAX_SENTENCE // 2
+    if len(text) > MAX_SENTENCE:
+        text = f"{text[:half]} … {text[-half:]}"
+    print(text, file=sys.stderr)

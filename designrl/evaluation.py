@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 
@@ -59,10 +60,11 @@ def episode_seeds(seed: int, count: int) -> np.ndarray:
 
 def check_episodes(episodes: int, seed: int) -> None:
     """Raise InputError where `evaluate` cannot take these."""
-    if not 1 <= episodes <= MAX_EPISODES or seed < 0:
+    whole = isinstance(episodes, Integral) and isinstance(seed, Integral)
+    if not whole or not 1 <= episodes <= MAX_EPISODES or seed < 0:
         raise InputError(
-            f"an evaluation needs 1 to {MAX_EPISODES:,} episodes and a seed of at least 0, got "
-            f"{episodes} and {seed}"
+            f"an evaluation needs 1 to {MAX_EPISODES:,} episodes and a seed of at least 0, both "
+            f"whole numbers, got {episodes!r} and {seed!r}"
         )
 
 

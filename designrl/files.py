@@ -2,6 +2,8 @@
 
 import hashlib
 import os
+import re
+import secrets
 from pathlib import Path
 
 from designrl.errors import InputError
@@ -19,11 +21,10 @@ def write_atomically(path: str | Path, data: bytes) -> None:
         InputError: the file cannot be written (no space, no permission).
     """
     path = Path(path)
-    temporary = path.with_name(f".new-{path.name}-{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        file, temporary = create_beside(path)
         try:
-            file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
             try:
                 rest = memoryview(data)
                 while rest:
@@ -37,6 +38,25 @@ def write_atomically(path: str | Path, data: bytes) -> None:
             raise
     except OSError as error:
         raise cannot_write(path, error) from None
+
+
+def create_beside(path: Path) -> tuple[int, Path]:
+    """A new file to write, and its name beside `path`, until `replace` gives it that one.
+
+    Raises:
+        OSError: as the system says.
+    """
+    # A name that nobody can foresee, and only if nothing is there: no link leads elsewhere.
+    temporary = path.with_name(f".new-{path.name}-{secrets.token_hex(8)}")
+    return os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), temporary
+
+
+def remove_unfinished(folder: Path, names: str) -> None:
+    """Remove what a kill has left of files whose names match a regular expression."""
+    for path in folder.glob(".new-*"):
+        ours = re.fullmatch(rf"\.new-(?:{names})-[0-9a-f]{{16}}", path.name)
+        if ours and path.is_file() and not path.is_symlink():
+            path.unlink(missing_ok=True)
 
 
 def replace(temporary: Path, path: Path) -> None:

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from tqdm import tqdm
 
-from designrl.errors import InputError
+from designrl.errors import InputError, printable
 from designrl.policy import Agent
 from designrl.recording import RunWriter, read, record_rollout
 from designrl.train import TrainingRun
@@ -46,7 +46,7 @@ def dry_run(run: TrainingRun) -> None:
     chosen = {k: v for k, v in settings.as_dict().items() if v is not None and k != "experiment"}
     where = f"on Ray ({run.ray})" if run.ray else f"with --workers {run.workers}"
     print(
-        f"{run.experiment.name}, in {run.out}; nothing was started\n"
+        f"{run.experiment.name}, in {printable(str(run.out))}; nothing was started\n"
         f"  settings  {', '.join(f'{k} {v}' for k, v in chosen.items())}\n"
         f"  to do     {end - first:,} generations, {training_episodes:,} episodes in training and "
         f"{evaluations * evaluation:,} in evaluations\n"

@@ -10,6 +10,7 @@ is the same network in torch, for everything that wants gradients or batches; th
 float32 rounding.
 """
 
+import threading
 from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
@@ -93,8 +94,15 @@ class Step(NamedTuple):
     info: dict
 
 
+class _Noise(threading.local):
+    """Where an episode's output noise comes from; each thread plays an episode of its own."""
+
+    def __init__(self):
+        self.rng = np.random.default_rng()
+
+
 class Agent:
-    """A policy with the body that it learned.
+    """A policy with the body that it learned; threads may share it.
 
     Args:
         experiment: what it was trained for.
@@ -132,7 +140,7 @@ class Agent:
         if self.network.noise:
             log_stds = self.parameters[self.network.num_weights : self.network.num_parameters]
             (self._noise_std,) = noise_stds(log_stds[None])
-        self._rng = np.random.default_rng()
+        self._noise = _Noise()
 
     def __reduce__(self):  # the compiled forward pass cannot be pickled
         return Agent, (self.experiment, self.parameters, self.network, self.metadata)
@@ -153,7 +161,7 @@ class Agent:
         """Start an episode: the output noise, if any, is a function of the seed alone."""
         if self._noise_std is not None:
             # A stream of its own, apart from the environment's, which starts from the same seed.
-            self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+            self._noise.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
 
     def act(self, observation: np.ndarray, t: int = 0) -> np.ndarray:
         """Action (A,) float32 for an observation (O,) at step t, counted from 0.
@@ -173,7 +181,7 @@ class Agent:
             x = np.append(x, np.float32(t / self.network.time_scale))
         noise = None
         if self._noise_std is not None:
-            noise = self._rng.standard_normal(self.network.sizes[-1]) * self._noise_std
+            noise = self._noise.rng.standard_normal(self.network.sizes[-1]) * self._noise_std
             noise = noise.astype(np.float32)
         return self._forward(x, noise)
 

@@ -1,11 +1,20 @@
 """All that decides a training run's result, as data; constant for a run."""
 
 import dataclasses
+import types
+import typing
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 
 from designrl.errors import InputError
 from designrl.experiments import RECIPES, Experiment, get_experiment
 
+_KINDS = {  # of a setting: what it may be, and what that is called
+    bool: (bool, "true or false"),
+    int: (Integral, "a whole number"),
+    float: (Real, "a number"),
+    str: (str, "a text"),
+}
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
 
@@ -16,7 +25,11 @@ def _setting(default, help: str):  # noqa: A002 (argparse's name)
 
 @dataclass(frozen=True, kw_only=True)
 class ReinforceSettings:
-    """The optimiser's settings; each default is the published code's."""
+    """The optimiser's settings; each default is the published code's.
+
+    Raises:
+        InputError: a value of another type.
+    """
 
     mirrored: bool = _setting(True, "sample in pairs μ + ε, μ - ε; otherwise independently")
     ranks: bool = _setting(True, "replace returns by centred ranks in [-0.5, 0.5]")
@@ -42,6 +55,17 @@ class ReinforceSettings:
     sigma_floor: float = _setting(
         0.02, "σ below this does not decay; the plain form never goes below it"
     )
+
+    def __post_init__(self):
+        for name, hint in typing.get_type_hints(type(self)).items():
+            value, (kind, *optional) = getattr(self, name), typing.get_args(hint) or (hint,)
+            if value is None and types.NoneType in optional:
+                continue
+            wanted, words = _KINDS[kind]
+            if not isinstance(value, wanted) or (kind is not bool and isinstance(value, bool)):
+                raise InputError(f"{name.replace('_', '-')} is {value!r}; it must be {words}")
+            if hasattr(value, "item"):  # NumPy's numbers are no JSON
+                object.__setattr__(self, name, value.item())
 
     def learning_rate_at(self, generation: int) -> float:
         """The step size of an update, counted from 0."""
@@ -72,7 +96,7 @@ class TrainSettings(ReinforceSettings):
     """All that decides a run's result.
 
     Raises:
-        InputError: a value out of its range.
+        InputError: a value of another type, or out of its range.
     """
 
     experiment: str
@@ -118,6 +142,7 @@ class TrainSettings(ReinforceSettings):
         return cls(experiment=found.name, **{**base, **changes})
 
     def __post_init__(self):
+        super().__post_init__()
         experiment = get_experiment(self.experiment)
         if self.keep not in ("best", "mean"):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")

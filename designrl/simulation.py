@@ -16,6 +16,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field
 from functools import partial
+from numbers import Integral
 
 import gymnasium
 import numpy as np
@@ -104,8 +105,10 @@ class Simulator(AbstractContextManager):
     ):
         if backend not in BACKENDS:
             raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
-        if workers < 1:
-            raise InputError(f"the number of workers is {workers}; it must be at least 1")
+        if not isinstance(workers, Integral) or workers < 1:
+            raise InputError(
+                f"the number of workers is {workers!r}; it must be a whole number of at least 1"
+            )
         self.experiment = get_experiment(experiment)
         self.network = network or self.experiment.network
         self.workers = workers

@@ -13,6 +13,7 @@ import json
 import math
 import os
 import platform
+import stat
 import sys
 import time
 from contextlib import contextmanager, suppress
@@ -27,6 +28,7 @@ from tqdm import tqdm
 from designrl import checkpoint
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
+from designrl.files import remove_unfinished
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
 from designrl.recording import RunWriter, record_rollout
@@ -36,6 +38,8 @@ from designrl.simulation import CandidateError, Simulator
 
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
 RESULTS = ("best.safetensors", "generations.mcap", "rollouts")
+# Names of all files that a run writes, as a regular expression.
+WRITTEN = r"(best|state|failed-generation\d+-candidate\d+)\.safetensors|generation(s|\d+)\.mcap"
 CANDIDATE_DECIMALS = 4  # the published code sends candidates to its workers in fixed point
 
 # Spawn keys of the run's SeedSequence; `designrl.reinforce` has (generation, 0) for the samples.
@@ -112,9 +116,11 @@ class TrainingRun:
         )
         self.progress = _Progress()
         self._state_path = self.out / "state.safetensors"
+        self._lock = None  # the open file, while it runs
         self._open()
 
     def _open(self) -> None:
+        self._check_folder()
         if self._resume and self._state_path.exists():
             self._load_state()
         elif self._state_path.exists():
@@ -156,8 +162,7 @@ class TrainingRun:
         with self._locked_folder():
             self._open()  # another run may have used the folder until now
             for folder in (self.out, self.out / "rollouts"):
-                for path in (*folder.glob(".new-*"), *folder.glob(".*.new")):
-                    path.unlink(missing_ok=True)  # half-written when the run was killed
+                remove_unfinished(folder, WRITTEN)
             with self.simulator() as simulator:  # refuses what it must before anything is written
                 self._save_state()  # before the recording, so that whatever a kill leaves can go on
                 self._resume = True
@@ -191,7 +196,7 @@ class TrainingRun:
             except KeyboardInterrupt:
                 self._save_state(recorder)
                 raise
-            except InputError:
+            except Exception:
                 with suppress(InputError):  # if it cannot be written, the last save must do
                     self._save_state(recorder)
                 raise
@@ -265,6 +270,7 @@ class TrainingRun:
             score_episodes=episodes,
             environment_steps=progress.total_steps,
         )
+        self._check_folder()
         recorder.evaluation(
             index=generation - 1,
             scores=result.returns[0],
@@ -338,6 +344,7 @@ class TrainingRun:
         self._snapshot = self.optimiser.state(), metadata
 
     def _save_state(self, recorder: RunWriter | None = None) -> None:
+        self._check_folder()
         if recorder:
             recorder.flush()
         tensors, metadata = self._snapshot
@@ -356,7 +363,8 @@ class TrainingRun:
                     )
             progress = _Progress(**metadata["progress"])
             numbers = [value for value in vars(progress).values() if value is not None]
-            if progress.generation < 0 or not all(map(math.isfinite, numbers)):
+            whole = isinstance(progress.generation, int) and isinstance(progress.total_steps, int)
+            if not whole or progress.generation < 0 or not all(map(math.isfinite, numbers)):
                 raise damaged
         except (AttributeError, KeyError, TypeError, OverflowError):
             raise damaged from None
@@ -364,26 +372,80 @@ class TrainingRun:
             self.optimiser.restore(tensors)
         except InputError as error:
             raise InputError(f"{self._state_path} cannot be used: {error}") from None
-        if progress.best_score is not None and not (self.out / "best.safetensors").exists():
-            raise InputError(
-                f"{self.out} has lost its best.safetensors, kept at generation "
-                f"{progress.best_generation}; put it back, or start again in another folder"
-            )
+        self._check_best(progress)
         self.progress = progress
+
+    def _check_best(self, progress: _Progress) -> None:
+        """The kept agent is this run's, and not older than the state."""
+        path = self.out / "best.safetensors"
+        kept, mend = progress.best_generation, "put it back, or start again in another folder"
+        if not path.exists():
+            if kept is not None:
+                raise InputError(
+                    f"{self.out} has lost its {path.name}, kept at generation {kept}; {mend}"
+                )
+            return
+        found = checkpoint.load(path, self.experiment.name).metadata
+        settings = found.get("settings")
+        if isinstance(settings, dict):
+            settings = {**settings, "generations": self.settings.generations}
+        # A killed run may have kept a better one since it saved its state.
+        of_now = found.get("generation") == kept and found.get("score") == progress.best_score
+        later = (
+            isinstance(found.get("generation"), int) and found["generation"] > progress.generation
+        )
+        if settings != self.settings.as_dict() or not (of_now or later):
+            raise InputError(f"{path} is not what this run kept at generation {kept}; {mend}")
+
+    def _check_folder(self) -> None:
+        """Nothing in the folder leads elsewhere, and it is the one that the run has locked."""
+        for name in (*RESULTS, "state.safetensors", ".lock"):
+            path = self.out / name
+            is_fine, kind = (
+                (stat.S_ISDIR, "folder") if name == "rollouts" else (stat.S_ISREG, "file")
+            )
+            try:
+                if not is_fine(path.lstat().st_mode):
+                    raise InputError(
+                        f"{path} is not a plain {kind}; remove it, or choose another folder with "
+                        "--out"
+                    )
+            except FileNotFoundError:
+                pass
+            except OSError as error:
+                raise self._unusable(error) from None
+        if self._lock is None:
+            return
+        try:
+            ours = os.path.samestat((self.out / ".lock").lstat(), os.fstat(self._lock))
+        except OSError:
+            ours = False
+        if not ours:
+            raise InputError(
+                f"{self.out} was removed, renamed or replaced under the run; put it back, or name "
+                "it as it is now with --out, and add --resume"
+            )
+
+    def _unusable(self, error: OSError) -> InputError:
+        return InputError(
+            f"{self.out} cannot be used as the run's folder ({error.strerror}); choose another "
+            "with --out"
+        )
 
     @contextmanager
     def _locked_folder(self):
         try:
             self.out.mkdir(parents=True, exist_ok=True)
-            lock = (self.out / ".lock").open("w")
+            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+            self._lock = os.open(self.out / ".lock", flags, 0o666)
         except OSError as error:
-            raise InputError(
-                f"{self.out} cannot be used as the run's folder ({error.strerror}); choose another "
-                "with --out"
-            ) from None
-        with lock:
+            raise self._unusable(error) from None
+        try:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise InputError(f"{self.out} is in use by another run; wait for it") from None
             yield
+        finally:
+            os.close(self._lock)
+            self._lock = None

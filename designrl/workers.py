@@ -6,6 +6,7 @@ Which worker did a task never matters: one that dies, fails or takes longer than
 replaced and its task done again. A task that fails three times is at fault itself (TaskError).
 """
 
+import ipaddress
 import math
 import multiprocessing
 import os
@@ -190,6 +191,10 @@ def _on_node(sources: str, candidates: np.ndarray, work: bytes):
         return error
 
 
+# Read when Ray is imported: a cluster that no other machine is to join, and no reports of its use.
+LOCAL_RAY = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
+
+
 def _check_reachable(address: str) -> None:
     host, _, port = address.rpartition(":")
     try:
@@ -206,33 +211,44 @@ class RayWorkers:
     The candidates travel once per generation to each node, tasks and results are small.
 
     Args:
-        address: "local", for a cluster on this machine that ends with this process, or that of an
-            existing cluster, as Ray takes it. Its nodes need this package and its libraries.
+        address: "local", for a cluster on this machine that ends with this process and listens on
+            127.0.0.1 alone, or that of an existing cluster, as Ray takes it. Its nodes need this
+            package and its libraries.
 
     Raises:
         InputError: Ray is not installed; there is no cluster at that address.
     """
 
     def __init__(self, address: str):
+        if address == "local":
+            os.environ |= LOCAL_RAY
         try:
             import ray
         except ImportError:
             raise InputError(
                 "Ray is not installed; install it in designrl's checkout with: "
-                'pip install -e ".[ray]"'
+                "pip install -c requirements-extras.lock ray"
             ) from None
         self._ray = ray
         if address not in ("local", "auto") and "://" not in address:
             _check_reachable(address)  # Ray itself would try for minutes
         polite_kill = signal.getsignal(signal.SIGTERM)
-        where = {"include_dashboard": False} if address == "local" else {"address": address}
+        # Without an address, Ray would join a cluster that runs on this machine, or did.
+        alone = {"include_dashboard": False} if address == "local" else {}
         try:
-            ray.init(**where, log_to_driver=False, logging_level="ERROR")
+            ray.init(address, **alone, log_to_driver=False, logging_level="ERROR")
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise InputError(f"no Ray cluster at {address} ({_one_line(error)})") from None
         finally:
             if threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGTERM, polite_kill)  # Ray has put its own in place
+        here = ray.util.get_node_ip_address()
+        if address == "local" and not ipaddress.ip_address(here).is_loopback:
+            ray.shutdown()
+            raise InputError(
+                "Ray was imported before and would listen on every interface; let designrl import "
+                'it, or set RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER=0 before "import ray"'
+            )
         retries = {"max_retries": MAX_FAILURES - 1, "retry_exceptions": True}
         self._task = ray.remote(num_cpus=1, **retries)(_on_node)
         self._said_to_wait = False

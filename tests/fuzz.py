@@ -1,6 +1,7 @@
 """Reads damaged and hostile files: checkpoints, 2018 weights, training states, recordings.
 
-    python tests/fuzz.py                          100,000 files; exit code 1 if anything is wrong
+    python tests/fuzz.py                          100,000 files and those of
+                                                  hostile.py; exit code 1 if anything is wrong
     python tests/fuzz.py --files 5000 --seed 3
 
 Each file is read as far as the library can, or refused with one sentence (InputError) that names
@@ -26,6 +27,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import rerun as rr
 import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
@@ -34,6 +36,7 @@ from mcap.records import Chunk
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from hostile import FILES, check  # noqa: E402
 from test_recording import write_run  # noqa: E402
 
 from designrl import checkpoint  # noqa: E402
@@ -41,6 +44,8 @@ from designrl.errors import InputError  # noqa: E402
 from designrl.recording import RunWriter, describe, read, record_rollout, schema_pb2  # noqa: E402
 from designrl.settings import TrainSettings  # noqa: E402
 from designrl.train import TrainingRun  # noqa: E402
+from designrl.viewer.data import log_recording  # noqa: E402
+from designrl.viewer.layout import blueprint  # noqa: E402
 
 MEMORY_BYTES = 2**30  # beyond what the process has at the start
 SECONDS = 10
@@ -74,6 +79,7 @@ ODD_TEXTS = ["NaN", "Infinity", "1e999", "-1", "9" * 5000, "null", "true", '"x"'
 ODD_TEXTS += ["[" * 3000, '{"a":' * 3000, '"\\u001b[2J"', '"\\ud800"', '"\\n\\n"', "0.5", "1e-400"]
 ODD_VALUES = [None, True, -1, 2**31, 2**63, 2**64, 10**400, 1e308, float("nan"), "", "x\n\x1b[2J"]
 ODD_VALUES += [[], {}, [[]], [1.0] * 50, {"a": {}}, "biped", "F32", "BF16", "F8_E4M3", "I64", 0]
+ODD_VALUES += [json.loads("[" * 200 + "]" * 200), {"a": "x\nsha256  0"}, "x" * 50_000]
 ODD_VALUES += ["__reduce__", "os.system('true')", [0, 8], [8, 0], [2**62, 2]]
 ODD_NUMBERS = [0, 1, 7, 255, 2**16, 2**28, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1]
 
@@ -121,6 +127,8 @@ def damage_safetensors(data: bytes, rng: random.Random) -> bytes:
         about = json.loads(header["__metadata__"]["designrl"])
         for _ in range(rng.choice([1, 1, 2])):
             about = damage_tree(about, rng)
+        if isinstance(about, dict) and rng.random() < 0.8:
+            about.pop("sha256", None)  # which would show all of it
         header["__metadata__"]["designrl"] = json.dumps(about)
     else:
         header = damage_tree(header, rng)
@@ -212,6 +220,7 @@ def read_checkpoint(path: Path) -> None:
 
 
 def read_state(path: Path) -> None:
+    checkpoint.describe(path)
     run = TrainingRun(TrainSettings.of(EXPERIMENT), path.parent, resume=True)
     if not np.isfinite(run.optimiser.ask().numpy()).all():
         raise FuzzError("a state gives candidates that are not finite")
@@ -231,6 +240,19 @@ def read_recording(path: Path) -> None:
     if path.stat().st_size % 4 == 0:  # slow, and most of it is what is done above
         metadata = {"experiment": EXPERIMENT}
         refused(lambda: RunWriter(path, metadata, resume_generation=2).close())
+        refused(show, recording)
+
+
+def show(recording) -> None:
+    """What `designrl replay` does without a window."""
+    blueprint([recording], ["name"])
+    stream = rr.RecordingStream("fuzz")
+    memory = stream.memory_recording()
+    try:
+        log_recording(stream, recording, "name")
+    finally:
+        memory.drain_as_bytes()
+        stream.disconnect()
 
 
 # Kind -> its file, how often there is one, what damages it, knowing the format, and what reads it.
@@ -320,6 +342,12 @@ def main() -> int:
             print(kind, "read" if read_file(Path(name), kind, data) else "refused")
             return 0
     counts, wrong = Counter(), []
+    with tempfile.TemporaryDirectory(prefix="designrl-") as name:
+        for what in FILES if options.files >= BATCH * 10 else ():  # the suite has them, too
+            try:
+                check(Path(name), what)
+            except AssertionError as error:
+                wrong.append(str(error))
     starts = range(0, options.files, BATCH)
     batches = [range(start, min(start + BATCH, options.files)) for start in starts]
     # A fresh process for each batch: what one file leaves behind must not hide what another does.

@@ -126,7 +126,7 @@ def test_resume_says_where_there_is_nothing_to_go_on_with(tmp_path, capsys, monk
 def test_without_ray_the_message_says_what_to_install(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     err = refused(capsys, "train", "biped", "--ray", "local", "--out", tmp_path / "r")
-    assert 'pip install -e ".[ray]"' in err
+    assert "pip install -c requirements-extras.lock ray" in err
 
 
 def test_help_needs_no_heavy_import():

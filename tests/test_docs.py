@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -61,7 +62,14 @@ def test_commands_are_as_written(page, command, tmp_path):
         dry = ["make", "-n", *words[1:]]
         done = subprocess.run(dry, cwd=ROOT, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-    elif words[:2] == ["git", "clone"] or words[0] in ("cd", "source", "pip", "rerun"):
+    elif words[:2] == ["git", "clone"] or words[0] in (
+        "cd",
+        "source",
+        "pip",
+        "rerun",
+        "export",
+        "ray",
+    ):
         return  # tried by hand, from a fresh clone
     else:
         pytest.fail(f"nothing here knows {command!r}")
@@ -74,6 +82,15 @@ def test_readmes_commands_work_one_after_the_other(tmp_path):
         if words[0] == "designrl":
             more = {"train": SMALL, "replay": ["--save", f"{i}.rrd"]}.get(words[1], [])
             run(["-m", *words, *more], tmp_path)
+
+
+def test_extras_are_pinned_as_they_are_declared():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    pins = (ROOT / "requirements-extras.lock").read_text().splitlines()
+    assert {*extras["ray"], *extras["envpool"]} <= set(pins)
+    assert all(re.fullmatch(r"#.*|[\w.-]+==[\w.]+", line) for line in pins)
 
 
 def test_links_lead_somewhere():

@@ -1,5 +1,6 @@
 """What all environments hold to: Gymnasium's rules, and episodes that repeat to the bit."""
 
+import copy
 import pickle
 import warnings
 
@@ -131,3 +132,12 @@ def test_wrong_arguments_are_refused(env_id):
     for action in (np.zeros(size - 1), nan, np.zeros((size, 1)), 0.0, None, ["a"] * size):
         with pytest.raises(ValueError, match=f"{size} finite numbers"):
             env.unwrapped.step(action)
+
+
+def test_a_copy_has_the_design_that_reset_was_given(env_id):
+    env = gymnasium.make(env_id).unwrapped
+    design = np.full(env.body.design.size, 1.25)
+    env.reset(seed=0, options={"design": design})
+    for copied in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        np.testing.assert_array_equal(copied.reset(seed=1)[0], env.reset(seed=1)[0])
+        np.testing.assert_array_equal(copied.design, design)

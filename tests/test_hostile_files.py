@@ -7,8 +7,10 @@ import time
 from pathlib import Path
 
 import lz4.frame
+import numpy as np
 import pytest
 import zstandard
+from hostile import FILES, check
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Chunk
@@ -18,7 +20,9 @@ from test_recording import write_others
 from designrl import checkpoint
 from designrl.cli import main
 from designrl.errors import InputError
-from designrl.recording import describe, read
+from designrl.experiments import get_experiment
+from designrl.policy import Agent
+from designrl.recording import describe, read, record_rollout
 
 
 def test_thousands_of_damaged_files_are_read_or_refused():
@@ -55,17 +59,18 @@ def chunk(content: bytes, compression="zstd", size: int | None = None) -> bytes:
 
 
 MESSAGE = struct.pack("<BQHIQQ", 5, 22, 1, 0, 0, 0)
+PADDING = struct.pack("<BQ", 200, 2**21) + bytes(2**21)  # a record of no known kind
 
 
 @pytest.mark.parametrize(
     ("records", "problem"),
     [
-        (chunk(bytes(9) * 10**6) * 100, "has no place there"),
+        (chunk(bytes(9) * 10**5) * 100, "has no place there"),
         (chunk(struct.pack("<BQ", 6, 0)), "has no place there"),  # a chunk in a chunk
         (chunk(MESSAGE * 5 * 10**5) * 100, "chunks declare an absurd size"),
         (chunk(struct.pack("<BQ", 5, 2**63) * 10**5), "outside of its chunk"),
         *((chunk(bytes(2**26), way, 1000), "not match its checksum") for way in ("zstd", "lz4")),
-        (chunk(bytes(2**26), size=2**25 + 1), "a chunk declares an absurd size"),
+        (PADDING + chunk(bytes(2**26), size=2**25 + 1), "a chunk declares an absurd size"),
         (chunk(bytes(2**26), size=2**40), "its chunks declare an absurd size"),
         # A length beyond all files, of what a chunk without compression holds.
         (struct.pack("<BQQQQIIQ", 6, 40, 0, 0, 0, 0, 0, 2**64 - 1), "a record is damaged"),
@@ -80,6 +85,11 @@ def test_a_bomb_does_not_go_off(records, problem, tmp_path):
     with pytest.raises(InputError, match=problem):  # it holds nothing else
         describe(path)
     assert time.process_time() - begin < 20
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_costs_no_more_than_its_size(name, tmp_path):
+    check(tmp_path, name)
 
 
 @pytest.mark.parametrize("names", ["{", '"ab"', "[1]", "[" * 100_000])
@@ -97,6 +107,57 @@ def test_a_strangers_text_does_not_command_the_terminal(tmp_path, capsys):
         main(["info", str(tmp_path / "a.safetensors")])
     errors = capsys.readouterr().err
     assert "\x1b" not in errors and errors.count("\n") == 1
+
+
+def test_a_strangers_text_does_not_forge_lines(tmp_path):
+    source = "x\nparameters   9"
+    agent = Agent(get_experiment("biped"), np.zeros(2804), metadata={"source": source})
+    checkpoint.save(agent, tmp_path / "a.safetensors")
+    assert checkpoint.describe(tmp_path / "a.safetensors").count("\nparameters") == 1
+    about = {"progress": ["x\ny"], "experiment": "a\nb"}
+    checkpoint.write_tensors(tmp_path / "s.safetensors", {}, about, checkpoint.STATE_FORMAT)
+    assert checkpoint.describe(tmp_path / "s.safetensors").count("\n") == 2
+    write_others(tmp_path / "a.mcap", about={"names": "[]"}, metadata={"a": "b\nc"})
+    assert "a: b\\nc" in describe(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize("name", [b"\xff.mcap", b"\x1b[2J.mcap"])
+def test_odd_file_names_are_told_in_a_line(name, tmp_path):
+    path = os.fsencode(tmp_path) + b"/" + name
+    record_rollout(Agent(get_experiment("biped"), np.zeros(2804)), Path(os.fsdecode(path)), 0)
+    (tmp_path / os.fsdecode(b"bad" + name)).write_text("x")
+    saved = os.fsencode(tmp_path) + b"/" + name + b".rrd"
+    for words in (["info", path], ["replay", tmp_path, "--save", saved], ["info", name]):
+        command = [sys.executable, "-m", "designrl", *words]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == (2 if words[1] == name else 0), done.stderr
+        assert "Traceback" not in done.stderr and "\x1b" not in done.stdout + done.stderr
+        assert done.stderr.count("\n") == (words != ["info", path])
+
+
+def test_a_refusal_is_not_longer_than_it_has_to_be(tmp_path, capsys):
+    metadata = {"format": checkpoint.FORMAT, "experiment": "x" * 50_000, "network": {"sizes": []}}
+    checkpoint.write_tensors(tmp_path / "a.safetensors", {}, metadata, checkpoint.FORMAT)
+    with pytest.raises(SystemExit):
+        main(["info", str(tmp_path / "a.safetensors")])
+    assert 100 < len(capsys.readouterr().err) < 2100
+
+
+@pytest.mark.parametrize("command", ["record", "import"])
+def test_a_link_that_leads_nowhere_is_not_replaced(command, tmp_path, capsys):
+    path = tmp_path / ("a.mcap" if command == "record" else "a.safetensors")
+    path.symlink_to(tmp_path / "nowhere")
+    more = ["--experiment", "biped"] if command == "import" else []
+    with pytest.raises(SystemExit):
+        main([command, "absent.json", *more, "-o", str(path)])
+    assert "exists already" in capsys.readouterr().err and path.is_symlink()
+
+
+def test_deep_metadata_is_refused(tmp_path):
+    deep = json.loads("[" * 100 + "]" * 100)
+    checkpoint.write_tensors(tmp_path / "a.safetensors", {}, {"a": deep}, checkpoint.FORMAT)
+    with pytest.raises(InputError, match="not a whole"):
+        checkpoint.load(tmp_path / "a.safetensors")
 
 
 @pytest.mark.parametrize("deep", ["[" * 10**6, '{"a":' * 10**5, "1" * 10**6])

@@ -1,5 +1,7 @@
 """On a Ray cluster: the same bytes, also when a node is lost."""
 
+import subprocess
+import sys
 import threading
 import time
 from contextlib import closing
@@ -17,7 +19,8 @@ from designrl.simulation import Simulator
 from designrl.train import TrainingRun
 from designrl.workers import RayWorkers, TaskError
 
-ray = pytest.importorskip("ray", reason='Ray is not installed (pip install -e ".[ray]")')
+WHY = "Ray is not installed (pip install -c requirements-extras.lock ray)"
+ray = pytest.importorskip("ray", reason=WHY)
 
 SETTINGS = TrainSettings.of(
     "biped-morphology",
@@ -127,6 +130,23 @@ def test_wrong_input_and_another_version_end_the_run(cluster, monkeypatch):
         monkeypatch.setattr(designrl.workers, "sources_hash", lambda: "other")
         with pytest.raises(InputError, match="another version of designrl .* here other"):
             list(workers.run(np.sum, CANDIDATES, TASKS, 60))
+
+
+def test_a_local_cluster_listens_on_this_machine_alone():
+    code = (
+        "import numpy, psutil\n"
+        "from designrl.workers import RayWorkers\n"
+        "before = {c.laddr for c in psutil.net_connections('inet') if c.status == 'LISTEN'}\n"
+        "workers = RayWorkers('local')\n"
+        "tasks = [(slice(2),)]\n"
+        "assert list(workers.run(sum, numpy.array([1, 2]), tasks, 60)) == [(0, 3)]\n"
+        "for c in psutil.net_connections('inet'):\n"
+        "    if c.status == 'LISTEN' and c.laddr not in before: print(c.laddr.ip)\n"
+        "workers.close()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
+    addresses = set(done.stdout.split())
+    assert addresses and addresses <= {"127.0.0.1", "::ffff:127.0.0.1", "::1"}, done.stderr
 
 
 def test_an_address_without_a_cluster_is_refused():

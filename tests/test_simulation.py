@@ -202,6 +202,7 @@ def test_wrong_input_is_refused():
         ("backend", {"backend": "gpu"}),
         ("lidar is 'v9'", {"lidar": "v9"}),
         ("biped has no speed; leave it out", {"speed": 3}),
+        *(("workers is .* whole number", {"workers": n}) for n in (0, 1.5, "2", None)),
         ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),
     ):
         with pytest.raises(InputError, match=words):
@@ -218,8 +219,21 @@ def test_wrong_input_is_refused():
     ):
         with pytest.raises(InputError, match=words):
             Simulator("biped", "reference").rollout(parameters, seeds)
-    with pytest.raises(InputError, match="needs 1 to"):
-        evaluate(Agent(get_experiment("biped"), np.zeros(2804)), episodes=0)
+    for wrong in ({"episodes": 0}, {"episodes": 1.5}, {"seed": "1"}):
+        with pytest.raises(InputError, match="needs 1 to"):
+            evaluate(Agent(get_experiment("biped"), np.zeros(2804)), **wrong)
+
+
+@pytest.mark.parametrize("backend", ["engine", "reference"])
+@pytest.mark.parametrize("index", [0, 2811])  # a weight, a dimension
+def test_both_backends_refuse_what_is_beyond_float32(backend, index):
+    parameters = np.zeros((2, 2812))
+    parameters[1, index] = 1e39
+    with pytest.raises(InputError, match=f"candidate 1: parameter {index} is not a finite float32"):
+        Simulator("biped-morphology", backend).rollout(parameters, np.array([[0], [0]]))
+    big = np.array([[1], [2**64 - 1]], dtype=np.uint64)
+    with pytest.raises(InputError, match="whole number from 0"):
+        Simulator("biped-morphology", backend).rollout(np.zeros((2, 2812)), big)
 
 
 # The paper's mean ± std over 100 rollouts of the runs whose weights are published (section 4).

@@ -1,14 +1,18 @@
 import dataclasses
+import json
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from designrl import cli, plan, simulation
+from designrl import train as train_module
 from designrl.bodies.walker import leg_area_reward_factor
 from designrl.checkpoint import STATE_FORMAT, describe, load, read_tensors, write_tensors
 from designrl.errors import InputError
@@ -16,7 +20,7 @@ from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.recording import read
 from designrl.reinforce import Reinforce
-from designrl.settings import TrainSettings
+from designrl.settings import ReinforceSettings, TrainSettings
 from designrl.simulation import Simulator
 from designrl.train import TrainingRun
 
@@ -210,6 +214,128 @@ def test_a_run_that_cannot_be_gone_on_with_is_left_alone(
     assert {path: file_hash(path) for path in folder.rglob("*") if path.is_file()} == before
 
 
+def swap(name, make):
+    """What puts something else in the place of a file or folder of a run."""
+
+    def spoil(folder):
+        path = folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        make(path)
+
+    return spoil
+
+
+@pytest.mark.parametrize("name", [".lock", "best.safetensors", "generations.mcap", "rollouts"])
+@pytest.mark.parametrize("make", ["link", "fifo", "folder"])
+def test_a_runs_folder_does_not_lead_elsewhere(undisturbed, tmp_path, name, make):
+    folder, elsewhere = shutil.copytree(undisturbed, tmp_path / "run"), tmp_path / "elsewhere"
+    if name == "rollouts":
+        elsewhere.mkdir()
+        before = elsewhere / ".new-generation00005.mcap-0123456789abcdef"
+        before.write_text("precious")
+        make = {"folder": "file"}.get(make, make)
+    else:
+        before = elsewhere
+        elsewhere.write_text("precious")
+    how = {"link": lambda path: path.symlink_to(elsewhere), "fifo": os.mkfifo}
+    swap(name, {**how, "folder": os.mkdir, "file": Path.touch}[make])(folder)
+    with pytest.raises(InputError, match=f"{name} is not a plain fi|rollouts is not a plain fo"):
+        train(folder, resume=True, generations=6)
+    assert before.read_text() == "precious"
+
+
+def test_only_what_a_kill_has_left_is_removed(undisturbed, tmp_path):
+    folder = shutil.copytree(undisturbed, tmp_path / "run")
+    left = ["best.safetensors", "state.safetensors", "generations.mcap"]
+    left += ["rollouts/generation00005.mcap"]
+    left = [Path(name).parent / f".new-{Path(name).name}-0123456789abcdef" for name in left]
+    mine = [Path(".new-notes"), Path("rollouts/.new-other.mcap-0123456789abcdef")]
+    for name in left + mine:
+        (folder / name).touch()
+    (folder / ".new-x").mkdir()
+    train(folder, resume=True, generations=6)
+    assert [name for name in left + mine if (folder / name).exists()] == mine
+    assert (folder / ".new-x").is_dir()
+
+
+def lose_ground(change, monkeypatch):
+    """Do something in the middle of a run."""
+    left, original = iter([lambda: None] * 2 + [change]), Simulator.rollout
+
+    def rollout(self, *args, **kwargs):
+        next(left, lambda: None)()
+        return original(self, *args, **kwargs)
+
+    monkeypatch.setattr(Simulator, "rollout", rollout)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda run: run.rename(run.with_name("other")),
+            "run(/generations.mcap)? was removed, renamed",
+        ),
+        (shutil.rmtree, "run(/generations.mcap)? was removed, renamed"),
+        (lambda run: (run / "generations.mcap").unlink(), "generations.mcap was removed"),
+        (
+            lambda run: shutil.copy(run / "state.safetensors", run / "x").replace(
+                run / "generations.mcap"
+            ),
+            "generations.mcap was removed, renamed or replaced",
+        ),
+    ],
+)
+def test_a_run_that_loses_its_ground_says_so(change, words, tmp_path, monkeypatch):
+    lose_ground(lambda: change(tmp_path / "run"), monkeypatch)
+    with pytest.raises(InputError, match=words):
+        train(tmp_path / "run")
+    left = {path.name for path in (tmp_path / "run").glob("*")}
+    assert "best.safetensors" not in left or "state.safetensors" in left
+
+
+@pytest.mark.parametrize("name", ["best.safetensors", "generations.mcap"])
+def test_a_file_of_another_run_is_not_gone_on_with(undisturbed, tmp_path, name):
+    folder = shutil.copytree(undisturbed, tmp_path / "run")
+    train(tmp_path / "other", seed=1)
+    shutil.copy(tmp_path / "other" / name, folder / name)
+    before = file_hash(folder / name)
+    with pytest.raises(InputError, match=f"{name} is (not what this run kept|of a run with)"):
+        train(folder, resume=True, generations=6)
+    assert file_hash(folder / name) == before
+    [rollout, *_] = (folder / "rollouts").iterdir()
+    shutil.copy(rollout, folder / "generations.mcap")
+    shutil.copy(undisturbed / "best.safetensors", folder)
+    with pytest.raises(InputError, match="is not a recording of a training run"):
+        train(folder, resume=True, generations=6)
+
+
+def test_a_reader_that_leaves_ends_a_run_that_saves_and_fails(tmp_path, monkeypatch, capsys):
+    """As of `designrl train ... 2>&1 | head`: what shows the progress cannot be written."""
+
+    class Bar(train_module.tqdm):
+        def update(self, n=1):
+            if self.n == 2 and n:
+                raise BrokenPipeError
+            return super().update(n)
+
+    monkeypatch.setattr(train_module, "tqdm", Bar)
+    command = ["train", "biped", "--out", str(tmp_path), "--backend", "reference"]
+    command += ["--population", "2", "--rollouts", "1", "--evaluation-episodes", "1"]
+    command += ["--generations", "4"]
+    with pytest.raises(SystemExit) as caught:
+        cli.main(command)
+    assert caught.value.code == 141
+    monkeypatch.undo()
+    _, metadata = read_tensors(tmp_path / "state.safetensors", STATE_FORMAT)
+    recorded = read(tmp_path / "generations.mcap").generations
+    # What the bar was to show of the third one is not saved: it was not whole.
+    assert metadata["progress"]["generation"] == 2 and recorded.tolist() == [0, 1, 2]
+    run = TrainSettings.of("biped", population=2, rollouts=1, evaluation_episodes=1, generations=4)
+    TrainingRun(run, tmp_path, backend="reference", resume=True).run()
+    assert read(tmp_path / "generations.mcap").generations.tolist() == [0, 1, 2, 3]
+
+
 def test_two_runs_cannot_share_a_folder(tmp_path):
     first, second = (TrainingRun(settings(generations=2), tmp_path) for _ in range(2))
     with first._locked_folder(), pytest.raises(InputError, match="in use by another run"):
@@ -287,6 +413,31 @@ def test_wrong_settings_are_refused():
     for wrong in ({"generations": 0}, {"seed": -1}, {"keep": "x"}, {"rollouts": 0}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} is"):
             settings(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("generations", ["5", 5.0, True, None], "a whole number"),
+        ("seed", [1.5, "1"], "a whole number"),
+        ("evaluation_episodes", [2.5], "a whole number"),
+        ("learning_rate", ["0.1", None, [0.1]], "a number"),
+        ("adam", [1, "no"], "true or false"),
+    ],
+)
+def test_a_setting_of_another_type_is_refused(name, values, words):
+    for value in values:
+        with pytest.raises(InputError, match=f"{name.replace('_', '-')} is .* must be {words}"):
+            settings(**{name: value})
+    if name in ReinforceSettings.__dataclass_fields__:
+        with pytest.raises(InputError, match=words):
+            ReinforceSettings(**{name: values[0]})
+
+
+def test_numpys_numbers_are_settings_too(tmp_path):
+    ours = settings(seed=np.int64(3), learning_rate=np.float64(0.02))
+    assert ours == settings(seed=3, learning_rate=0.02)
+    json.dumps(ours.as_dict())
 
 
 def test_a_refused_run_leaves_its_folder_to_the_next_one(tmp_path):

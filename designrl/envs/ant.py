@@ -44,7 +44,7 @@ def _flush_c() -> None:
 
 @contextlib.contextmanager
 def _silence():
-    """Keep what PyBullet's C code prints (its build time, argv[0]) off the terminal."""
+    """Keep what PyBullet prints when it is loaded, its build time, off the terminal."""
     try:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
@@ -223,6 +223,7 @@ class Ant(gymnasium.Env, EzPickle):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
         super().reset(seed=seed)
         self.design = chosen_design(options, ANT.design, self.design)
+        self._ezpickle_args = self.design, *self._ezpickle_args[1:]  # what a copy is made with
         if self._client < 0:
             self._connect()
         if self._loaded is None or not np.array_equal(self._loaded, self.design):
@@ -341,7 +342,7 @@ class Ant(gymnasium.Env, EzPickle):
     # ------------------------------------------------------------------------------ the world
 
     def _connect(self) -> None:
-        with _silence(), contextlib.suppress(pybullet.error):
+        with contextlib.suppress(pybullet.error):
             self._client = pybullet.connect(pybullet.DIRECT)
         if self._client < 0:
             raise InputError(

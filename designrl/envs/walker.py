@@ -195,6 +195,7 @@ class Walker(BipedalWalker):
     def reset(self, *, seed: int | None = None, options: dict | None = None):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
         self.design = chosen_design(options, WALKER.design, self.design)
+        self._ezpickle_args = self.design, *self._ezpickle_args[1:]  # what a copy is made with
         self._reward_factor = float(leg_area_reward_factor(self.design))
         # The old world goes as a whole: a world that is used again keeps the order in which its
         # free list hands out contacts and tree nodes, and with it another rounding.

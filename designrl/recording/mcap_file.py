@@ -18,7 +18,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from designrl.errors import InputError
-from designrl.files import cannot_write, replace
+from designrl.files import cannot_write, create_beside, replace
 from designrl.provenance import VERSION
 
 CHUNK_BYTES = 2**20  # uncompressed; what a chunk may hold before it is compressed and written
@@ -75,11 +75,11 @@ class McapFile:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.new")
-        self._file = None
+        self._file, self._published = None, False
         with self._refusing():
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(self._temporary, "wb", buffering=0)  # noqa: SIM115 (lives on)
+            descriptor, self._temporary = create_beside(self.path)
+            self._file = open(descriptor, "wb", buffering=0)  # noqa: SIM115 (lives on)
         self._tail, self._end = _Tail(), b""
         self._sealed, self._seal_seconds = time.monotonic(), 0.0
         self._channels: dict[str, int] = {}
@@ -161,6 +161,12 @@ class McapFile:
         """Write everything so far, with a valid end; `durable`: so that a power cut spares it."""
         if self._file is None:
             raise RecordingError(f"{self.path} is closed; nothing more can be recorded in it")
+        if self._published and not self._is_in_place():
+            self.close()
+            raise RecordingError(
+                f"{self.path} was removed, renamed or replaced while it was recorded; put it back, "
+                "or record it anew"
+            )
         begin = time.monotonic()
         self._writer.flush()  # ends the chunk
         end = self._tail.tell()
@@ -191,6 +197,13 @@ class McapFile:
         self.seal(durable=True)
         with self._refusing():
             replace(self._temporary, self.path)
+        self._published = True
+
+    def _is_in_place(self) -> bool:
+        try:
+            return os.path.samestat(os.lstat(self.path), os.fstat(self._file.fileno()))
+        except OSError:
+            return False
 
     def close(self) -> None:
         """Close without a seal, and remove the file if it was not published."""

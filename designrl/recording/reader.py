@@ -12,6 +12,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
+from designrl.errors import printable
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, THINNED, RecordingError
 from designrl.recording.scan import Scan
@@ -32,6 +33,8 @@ _DTYPES = {
     FieldDescriptor.TYPE_UINT64: np.uint64,
     FieldDescriptor.TYPE_BOOL: np.bool_,
 }
+# Ours have up to 13 parts, and 13,000 places of them.
+MAX_PARTS, MAX_PLACES, MAX_NAME = 256, 500_000, 256
 _KINDS = {
     RUN: "recording of a training run",
     ROLLOUT: "recording of a rollout",
@@ -183,10 +186,19 @@ class Recording(Scan):
         """Part -> the part it hangs on, (T, 3) positions in m and (T, 4) quaternions x, y, z, w.
 
         Both as seen from the part it hangs on; all have the times of /tf.
+
+        Raises:
+            RecordingError: there is no /tf, or it holds something else, or more than a body has.
         """
         found: dict[str, tuple[str, list]] = {}
+        places = 0
         for message in self.messages("/tf"):
+            places += len(message.transforms) if isinstance(message, FrameTransforms) else np.inf
+            if places > MAX_PLACES:
+                raise self._damaged("/tf")
             for t in message.transforms:
+                if len(found) > MAX_PARTS or len(t.child_frame_id) > MAX_NAME:
+                    raise self._damaged("/tf")
                 p, q = t.translation, t.rotation
                 _, rows = found.setdefault(t.child_frame_id, (t.parent_frame_id, []))
                 rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
@@ -259,4 +271,4 @@ def describe(path: str | Path) -> str:
     lines += [f"  {topic}: {count} messages" for topic, count in topics.items()]
     for name, values in records:
         lines += [f"  {name}:", *(f"    {key}: {value}" for key, value in values.items())]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))

@@ -1,12 +1,14 @@
 """Recording a training run, and thinning such a recording."""
 
-import sys
+import json
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
+from designrl.errors import remark
 from designrl.experiments import get_experiment
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import (
@@ -31,23 +33,26 @@ class RunWriter:
     second or, where writing is slow, in the last hundred times as long as a write takes.
 
     Args:
-        path: the file; replaced if it exists, unless `resume_generation` is above 0.
+        path: the file; replaced if it exists, unless `resume_generation` is given.
         metadata: what to say of the run; "experiment" names it and the body's dimensions.
         resume_generation: keep what an existing file holds of the generations before this one,
             drop the rest, and go on. Where some of them are missing, because the file was cut or
             removed, a line on stderr and the metadata record "resumed" say so. The metadata stays.
 
     Raises (every method):
-        RecordingError: the file cannot be written, or the one to go on with is no recording.
+        RecordingError: the file cannot be written, or has gone from its place; the one to go on
+            with is no recording, or that of another run.
     """
 
-    def __init__(self, path: str | Path, metadata: dict, resume_generation: int = 0):
+    def __init__(self, path: str | Path, metadata: dict, resume_generation: int | None = None):
         self._design = get_experiment(metadata["experiment"]).design
-        old = read(path) if resume_generation and Path(path).exists() else None
+        old = read(path) if resume_generation is not None and Path(path).exists() else None
+        if old:
+            _require_same_run(old, metadata)
         records = [record for record in old.metadata_records if record[0] != END] if old else []
         if RUN not in dict(records):
             records.append((RUN, metadata))
-        gap = _gap(old.generations if old else (), resume_generation)
+        gap = _gap(old.generations if old else (), resume_generation or 0)
         if resume_generation:
             about = {"generation": resume_generation} | ({"missing": gap} if gap else {})
             records.append((RESUMED, about))
@@ -63,7 +68,7 @@ class RunWriter:
             self._file.close()
             raise
         if gap:
-            print(f"{path}: {gap} (the file was cut or removed); going on", file=sys.stderr)
+            remark(f"{path}: {gap} (the file was cut or removed); going on")
 
     def _write(self, message, names=(), unit: str = "") -> None:
         # A wall clock may be set back; readers want times that never decrease.
@@ -177,6 +182,24 @@ class RunWriter:
             self._file.close()  # it has said what is wrong, and the file is as good as it gets
         else:
             self.close(finished=kind is None)
+
+
+def _require_same_run(recording: Recording, metadata: dict) -> None:
+    """Refuse to go on with a recording that says it is of something else."""
+    mend = "put this run's own in its place, or move it away"
+    if recording.kind != RUN and recording.topics:
+        raise RecordingError(f"{recording.path} is not a recording of a training run; {mend}")
+    for key in ("experiment", "seed", "settings"):
+        theirs, ours = (_comparable(about.get(key)) for about in (recording.metadata, metadata))
+        if theirs not in (None, ours):
+            raise RecordingError(f"{recording.path} is of a run with another {key}; {mend}")
+
+
+def _comparable(value):
+    with suppress(TypeError, ValueError, RecursionError):
+        value = json.loads(value)
+    # A run that goes on may have more generations than before.
+    return {**value, "generations": None} if isinstance(value, dict) else value
 
 
 def _gap(held, stop: int) -> str:

@@ -21,8 +21,9 @@ from mcap.writer import MCAP0_MAGIC
 from designrl.recording.mcap_file import RecordingError
 
 MAX_RECORD_BYTES = 2**25  # of one record, and of one chunk when decompressed; ours are < 2 MB
-# What all chunks of a file may decompress to: ours grow up to sixfold, a bomb ten thousandfold.
-MAX_GROWTH, FREE_BYTES = 30, 2**25
+# What all chunks of a file may decompress to: ours grow up to tenfold, a bomb ten thousandfold. An
+# empty message counts, too: it takes as long to read as one of some size.
+MAX_GROWTH, FREE_BYTES, MESSAGE_BYTES = 30, 2**21, 256
 
 
 class _DamageError(ValueError):
@@ -147,13 +148,14 @@ class Scan:
                     room -= _parse(Chunk, body).uncompressed_size
                     if room < 0:
                         return "its chunks declare an absurd size"
-                self._add(opcode, body)
+                room -= MESSAGE_BYTES * self._add(opcode, body)
             except _PARSE_ERRORS as error:
                 return str(error) if isinstance(error, _DamageError) else "a record is damaged"
             if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
                 self._blocks.append((offset, length + 9))
 
-    def _add(self, opcode: int, body: bytes) -> None:
+    def _add(self, opcode: int, body: bytes) -> int:
+        """Note what a record holds; returns how many messages that is."""
         # All messages of a block or none: what is counted here is what `raw` will yield.
         counts, times = Counter(), self.times
         for inner, data in _inside(opcode, body):
@@ -173,6 +175,7 @@ class Scan:
                 self.metadata_records.append((record.name, record.metadata))
         self.counts.update(counts)
         self.times = times
+        return counts.total()
 
     def schema(self, channel: Channel) -> Schema:
         """What the channel's messages are; nameless where the file does not say."""

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from designrl.errors import InputError
+from designrl.errors import InputError, remark
 from designrl.files import write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
@@ -98,12 +98,12 @@ def _read_usable(paths: list[Path]) -> list[Recording]:
         except InputError as error:
             if path in paths:
                 raise
-            print(f"not shown: {error}", file=sys.stderr)
+            remark(f"not shown: {error}")
             last = error
         else:
             if recording.problem:
                 what = f"{path} is not whole ({recording.problem}): {how_far(recording)}"
-                print(f"{what}; get it again, or record it anew, for the rest", file=sys.stderr)
+                remark(f"{what}; get it again, or record it anew, for the rest")
             recordings.append(recording)
     if last and not recordings:
         raise last
@@ -148,7 +148,7 @@ def find_recordings(paths) -> list[Path]:
             raise InputError(f"{path} holds no recordings; name a .mcap file or a run's folder")
         if len(rollouts) > MAX_ROLLOUTS:
             chosen = np.linspace(0, len(rollouts) - 1, MAX_ROLLOUTS).round().astype(int)
-            print(f"{path}: showing {MAX_ROLLOUTS} of {len(rollouts)} rollouts", file=sys.stderr)
+            remark(f"{path}: showing {MAX_ROLLOUTS} of {len(rollouts)} rollouts")
             rollouts = [rollouts[i] for i in chosen]
         found += runs + rollouts
     return found
@@ -156,7 +156,7 @@ def find_recordings(paths) -> list[Path]:
 
 def unique_names(paths: list[Path]) -> list[str]:
     """A short name for each file, no two the same."""
-    names = [path.stem for path in paths]
+    names = [path.stem.encode(errors="replace").decode() for path in paths]  # Rerun takes UTF-8
     return [
         name if names.count(name) == 1 else f"{path.resolve().parent.name} {name} {i}"
         for i, (path, name) in enumerate(zip(paths, names, strict=True))

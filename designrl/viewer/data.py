@@ -47,7 +47,8 @@ def log_recording(stream: rr.RecordingStream, recording: Recording, name: str) -
     """
     log = log_run if recording.kind == "run" else log_rollout
     try:
-        log(stream, recording, entity(name))
+        with np.errstate(over="ignore"):  # of what is beyond the float32 that Rerun draws in
+            log(stream, recording, entity(name))
     except RecordingError:
         raise
     except _UNFIT:
@@ -135,6 +136,7 @@ def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> 
     stream.log(world, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     times, paths = _times(recording, "/tf"), {"world": world}
     robot = Robot(recording.first("/robot_description"))
+    courses = []
     for part, (parent, positions, quaternions) in recording.transforms().items():
         paths[part] = path = f"{paths[parent]}/{entity(part)}"
         columns = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
@@ -143,11 +145,11 @@ def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> 
         if parent == "world":
             columns = rr.Transform3D.columns(translation=_smooth_height(positions))
             stream.send_columns(f"{world}/follow", times, columns)
-            course = positions
+            courses.append(positions)
     if recording.topics.get("/terrain"):
         log_terrain(stream, recording.first("/terrain"), world)
     else:
-        log_floor(stream, course, world)
+        log_floor(stream, courses[-1], world)
     if recording.topics.get("/lidar"):
         _log_lidar(stream, recording, f"{world}/lidar")
     for topic, field in (("/reward", "terms"), ("/action", "values"), ("/joints", "angles")):

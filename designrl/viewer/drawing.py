@@ -11,6 +11,8 @@ from designrl.viewer.layout import entity
 SOLID = rr.components.FillMode.Solid
 GRID_COLOR = (90, 150, 78)
 EDGE_COLOR = (50, 96, 42)
+MAX_URDF = 2**20  # characters; ours have some 20,000
+MAX_FLOOR = 500.0  # m from the origin, where a floor ends at the latest
 
 
 class Robot:
@@ -27,17 +29,19 @@ class Robot:
     """
 
     def __init__(self, text: str, pose: dict[str, float] | None = None, color=None):
+        if len(text) > MAX_URDF:
+            raise ValueError("the description of the robot is too long")
         root = ElementTree.fromstring(text)
-        self.shapes = {link.get("name"): self._shapes(link, color) for link in root.iter("link")}
+        self.shapes = {link.get("name"): self._shapes(link, color) for link in root.findall("link")}
         self.joints = {
             joint.find("child").get("link"): self._joint(joint, pose or {})
-            for joint in root.iter("joint")
+            for joint in root.findall("joint")
         }
 
     @staticmethod
     def _shapes(link, color) -> dict[str, rr.AsComponents]:
         kinds: dict[str, list] = {}
-        for visual in link.iter("visual"):
+        for visual in link.findall("visual"):
             shape, origin = visual.find("geometry")[0], visual.find("origin")
             rgba = color or 255 * _floats(visual.find("material/color"), "rgba")
             sizes = np.concatenate([_floats(shape, key) for key in shape.attrib])
@@ -104,8 +108,9 @@ def _solid(kind: str, sizes, centers, quaternions, colors) -> rr.AsComponents:
 
 def log_floor(stream: rr.RecordingStream, course: np.ndarray, world: str) -> None:
     """A floor with lines at every meter, wherever a body (positions (T, 3) in m) has been."""
-    x0, y0 = np.floor(course[:, :2].min(axis=0)) - 6
-    x1, y1 = np.ceil(course[:, :2].max(axis=0)) + 6
+    course = np.clip(course[:, :2], -MAX_FLOOR, MAX_FLOOR)
+    x0, y0 = np.floor(course.min(axis=0)) - 6
+    x1, y1 = np.ceil(course.max(axis=0)) + 6
     floor = rr.Boxes3D(
         mins=[(x0, y0, -0.1)],
         sizes=[(x1 - x0, y1 - y0, 0.095)],

@@ -68,7 +68,7 @@ def compiled(threads):
 
 def envpool(env_id):
     """One of EnvPool's C++ environments under random actions, in one thread."""
-    reason = "EnvPool is not installed: pip install envpool==1.2.5"
+    reason = "EnvPool is not installed: pip install -c requirements-extras.lock envpool"
     module = pytest.importorskip("envpool", reason=reason)
     bodies, steps = 16, 400
     env = module.make(env_id, env_type="gymnasium", num_envs=bodies, num_threads=1)
