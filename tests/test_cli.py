@@ -143,3 +143,17 @@ def test_help_needs_no_heavy_import():
         "assert not {'torch', 'pybullet', 'rerun', 'Box2D'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_ctrl_c_while_the_package_is_imported_is_no_traceback():
+    pressed = (
+        "import sys\n"
+        "class Finder:\n"
+        "    def find_spec(name, *_):\n"
+        "        if name.startswith('designrl.'): raise KeyboardInterrupt\n"
+        "import designrl_command\n"
+        "sys.meta_path.insert(0, Finder)\n"
+        "designrl_command.main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", pressed], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "")
