@@ -111,8 +111,13 @@ def save(agent: Agent, path: str | Path) -> None:
     """Write an agent as a checkpoint.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or its experiment's name is not known or another's.
     """
+    if get_experiment(agent.experiment.name) != agent.experiment:
+        raise InputError(
+            f"{path} would be read as another experiment {agent.experiment.name!r}; choose another "
+            "name for yours"
+        )
     metadata = {
         **agent.metadata,
         "experiment": agent.experiment.name,

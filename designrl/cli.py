@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import importlib
 import json
 import os
 import shlex
@@ -14,6 +15,7 @@ from pathlib import Path
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import read_limited
+from designrl.provenance import VERSION
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
@@ -23,6 +25,28 @@ EXIT_INTERRUPTED, EXIT_PIPE = 130, 141  # as a shell reports what SIGINT or SIGP
 def available_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+def load_module(name: str) -> None:
+    """Run a module, by its file or its name: it registers experiments of the user's own.
+
+    By name in the end, from the file's folder, so that worker processes find what it defines.
+
+    Raises:
+        InputError: there is no such module, or it needs one that is not there.
+    """
+    path = Path(name)
+    folder, module = (path.parent, path.stem) if path.suffix == ".py" else (Path(), name)
+    if path.suffix == ".py" and not path.is_file():
+        raise InputError(f"{name} is not a file; name a module that registers experiments")
+    sys.path.insert(0, str(folder.absolute()))
+    try:
+        found = importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(f"{name} cannot be loaded: {error}") from None
+    source = Path(getattr(found, "__file__", None) or "")
+    if path.suffix == ".py" and source.resolve() != path.resolve():
+        raise InputError(f"{name} has the name of a module that is in use; give it another")
 
 
 def _experiments(_args) -> None:
@@ -176,6 +200,14 @@ def parser() -> argparse.ArgumentParser:
         description="Reinforcement Learning for Improving Agent Design (Ha 2018): train, evaluate, "
         "record and replay agents that learn their body together with their policy.",
     )
+    top.add_argument(
+        "--load",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="first run a module or .py file that registers experiments of your own",
+    )
+    top.add_argument("--version", action="version", version=f"designrl {VERSION}")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, function, help: str) -> argparse.ArgumentParser:  # noqa: A002
@@ -271,6 +303,8 @@ def main(argv: list[str] | None = None) -> None:
     """Run a command; wrong input ends with one sentence and exit code 2."""
     args = parser().parse_args(argv)
     try:
+        for module in args.load:
+            load_module(module)
         args.function(args)
         sys.stdout.flush()
     except InputError as error:

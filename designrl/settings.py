@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Integral, Real
 
 from designrl.errors import InputError
-from designrl.experiments import RECIPES, Experiment, get_experiment
+from designrl.experiments import RECIPES, Experiment, get_experiment, register
 
 _KINDS = {  # of a setting: what it may be, and what that is called
     bool: (bool, "true or false"),
@@ -129,13 +129,16 @@ class TrainSettings(ReinforceSettings):
         """The settings of an experiment's recipe, with some changed.
 
         Args:
+            experiment: name, or an Experiment, which becomes known by its name.
             recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": ours,
                 one for every seed; "plain": the paper's numbers and equations 3 to 5 as written.
 
         Raises:
-            InputError: unknown experiment or recipe, or a value out of its range.
+            InputError: unknown experiment or recipe, an experiment with another's name, or a value
+                out of its range.
         """
         found = get_experiment(experiment)
+        register(found)
         if recipe not in (*RECIPES, "plain"):
             raise InputError(f"recipe is {recipe!r}; it must be one of {', '.join(RECIPES)}, plain")
         base = {**found.paper, **PLAIN_CHANGES} if recipe == "plain" else getattr(found, recipe)
