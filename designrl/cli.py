@@ -161,26 +161,60 @@ def _require_new(path: str) -> None:
 def _record(args) -> None:
     from designrl.checkpoint import load
     from designrl.evaluation import check_episodes, episode_seeds
-    from designrl.recording import record_rollout
 
-    _require_new(args.output)
-    if Path(args.output).suffix != ".mcap":
-        raise InputError(f"{args.output} would not be opened by Rerun; give it a name in .mcap")
+    if not (args.output or args.video):
+        raise InputError("name what to write: -o FILE.mcap, --video FILE.mp4, or both")
     if not 0 <= args.episode < MAX_EPISODES:
         raise InputError(f"--episode counts from 0 to {MAX_EPISODES - 1:,}, got {args.episode}")
     check_episodes(args.episode + 1, args.seed)
+    if args.output:
+        _require_new(args.output)
+        if Path(args.output).suffix != ".mcap":
+            raise InputError(f"{args.output} would not be opened by Rerun; give it a name in .mcap")
+    if args.video:
+        from designrl.video import check_target, record_video
+
+        check_target(args.video)
+    agent = load(args.file, args.experiment)
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
-    score = record_rollout(load(args.file, args.experiment), args.output, seed)
-    said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
-    print(printable(said))
+    if args.output:
+        from designrl.recording import record_rollout
+
+        score = record_rollout(agent, args.output, seed)
+        said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
+        print(printable(said))
+    if args.video:
+        score = record_video(agent, args.video, seed)
+        print(printable(f"{args.video}: one episode, {score:.1f} points"))
 
 
 def _replay(args) -> None:
+    if args.video:
+        _film(args)
+        return
     from designrl.viewer import replay
+    from designrl.viewer.web import ADDRESS, PORT
 
-    replay(args.files, save=args.save, screenshot=args.headless_screenshot)
+    if args.at is not None and not args.headless_screenshot:
+        raise InputError("--at chooses what --headless-screenshot shows; add that, too")
+    if not args.web and (args.bind or args.port is not None):
+        raise InputError("--bind and --port are those of --web; add that, too")
+    web = (args.bind or ADDRESS, PORT if args.port is None else args.port) if args.web else None
+    replay(args.files, args.save, args.headless_screenshot, args.at, web)
     for path in filter(None, (args.save, args.headless_screenshot)):
         print(printable(f"{path} written"))
+
+
+def _film(args) -> None:
+    from tqdm import tqdm
+
+    from designrl.video import STAGES, evolution_video
+
+    if len(args.files) > 1 or args.save or args.headless_screenshot or args.web:
+        raise InputError("--video films one run and does nothing else; name only its folder")
+    with tqdm(total=STAGES, unit="stage", leave=False, disable=None) as bar:
+        evolution_video(args.files[0], args.video, progress=bar.update)
+    print(f"{args.video} written")
 
 
 def _info(args) -> None:
@@ -278,9 +312,10 @@ def parser() -> argparse.ArgumentParser:
     convert.add_argument("--experiment", required=True, help="what it was trained for")
     convert.add_argument("-o", "--output", required=True, metavar="FILE.safetensors")
 
-    record = command("record", _record, "roll out once and record it for Rerun")
+    record = command("record", _record, "roll out once and record it for Rerun, or as a video")
     agent_file(record)
-    record.add_argument("-o", "--output", required=True, metavar="FILE.mcap")
+    record.add_argument("-o", "--output", metavar="FILE.mcap")
+    record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
     record.add_argument(
         "--episode",
         type=int,
@@ -293,6 +328,26 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("files", nargs="+", metavar="FILE.mcap", help="recordings or run folders")
     replay.add_argument("--save", metavar="FILE.rrd", help="write a Rerun file, open nothing")
     replay.add_argument("--headless-screenshot", metavar="FILE.png", help="write a picture")
+    replay.add_argument(
+        "--at",
+        type=float,
+        metavar="X",
+        help="what the picture shows: a run's generation, counted from 0 (default: the last), or s "
+        "of a rollout's time (default: its middle)",
+    )
+
+    replay.add_argument(
+        "--video",
+        metavar="FILE.mp4",
+        help="film how a run's body and gait came about, open nothing; also .gif or .webp",
+    )
+    replay.add_argument(
+        "--web", action="store_true", help="serve them to browsers, also through ssh, until Ctrl-C"
+    )
+    replay.add_argument("--bind", metavar="ADDRESS", help="of --web (default: 127.0.0.1)")
+    replay.add_argument(
+        "--port", type=int, metavar="N", help="of --web, which takes N and N + 1 (default: 9090)"
+    )
 
     info = command("info", _info, "tell what a checkpoint or recording holds")
     info.add_argument("file", metavar="FILE")

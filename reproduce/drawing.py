@@ -12,6 +12,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
+from designrl.bodies import GROUND_COLOR, SKY_COLOR
 from designrl.evaluation import episode_seeds
 from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
@@ -23,7 +24,8 @@ WIDTH = 5.5  # inches: the paper's column
 START, SPAN = 2.0, 36.0  # m: what a strip shows of the course
 # Okabe and Ito's colours, which the colour-blind can tell apart; ours by role.
 ORIGINAL, LEARNED, THIRD, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
-SKY = np.array([215, 215, 255]) / 255  # as the environment paints it
+SKY, GRASS = (tuple(np.array(color) / 255) for color in (SKY_COLOR, GROUND_COLOR))
+BOTTOM = -9.0  # m: below any picture
 
 matplotlib.rcParams.update(
     {
@@ -109,9 +111,10 @@ def walk(agent: Agent, seed: int) -> Walk:
         result.moments.append(_shapes([*world.legs, world.hull]))
         result.x.append(world.hull.position[0])
 
-    for polygon, rgb in world.terrain_poly:
-        colour = tuple(np.array(rgb) / 255)
-        result.ground.append((np.array(polygon), colour, colour))
+    profile, _ = world.body.terrain(world)
+    # One piece: the environment's own stripes leave seams where they meet.
+    corners = np.array([(profile[-1, 0], BOTTOM), (profile[0, 0], BOTTOM)])
+    result.ground.append((np.concatenate([profile, corners]), GRASS, GRASS))
     result.ground += _shapes(world.terrain)
     look()
     for step in agent.steps(env, observation):
@@ -145,13 +148,13 @@ def draw_walk(axes: Axes, w: Walk) -> None:
     """Draw the ground of the strip and the body's moments on it."""
     axes.set_facecolor(SKY)
     end = START + SPAN
-    ground = [s for s in w.ground if s[0][:, 0].max() > START and s[0][:, 0].min() < end]
-    draw_shapes(axes, ground, 0.2)
-    axes.axhspan(-9, 0, color=ground[0][1])  # the environment's ground ends at 0
+    draw_shapes(axes, w.ground, 0.2)
     moments = chosen_moments(w, spacing=3.0)
     for shapes in moments:
         draw_shapes(axes, shapes)
-    surface = np.concatenate([v[v[:, 1] > 0, 1] for v, *_ in ground])  # 0: below the picture
+    corners = np.concatenate([v for v, *_ in w.ground])
+    inside = (corners[:, 0] > START) & (corners[:, 0] < end) & (corners[:, 1] > BOTTOM)
+    surface = corners[inside, 1]
     tops = [v[:, 1].max() for shapes in moments for v, *_ in shapes]
     axes.set_xlim(START, end)
     axes.set_ylim(surface.min() - 0.6, max(tops) + 0.6)

@@ -1,60 +1,55 @@
-"""Short looping pictures of each experiment's best agent, for the README.
+"""Short looping videos of each experiment's best agent, for the README.
 
     make gallery
 
-Writes paper/gallery/EXPERIMENT.webp, as the environments render one rollout; experiments without a
+Writes paper/gallery/EXPERIMENT.webp, a stretch of one typical rollout; experiments without a
 checkpoint are skipped. Not part of `make reproduce`: nothing is read from it.
 """
 
-import io
+from collections.abc import Iterator
+from pathlib import Path
 
-import gymnasium
-import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
 from designrl.experiments import EXPERIMENTS
-from designrl.files import write_atomically
+from designrl.video import captioned, film, write_video
 from reproduce import scores
 from reproduce.drawing import typical_seed
 from reproduce.scores import Score
 
-WIDTH = 320  # pixels
-FRAMES = 60
-FIRST, EVERY = 60, 3  # steps: where the picture starts, and from one frame to the next
+WIDTH = 400  # pixels
+FIRST, LAST = 1.2, 3.6  # s of the rollout
 
 
-def rollout(s: Score) -> tuple[list[Image.Image], float]:
-    """Pictures of a stretch of one typical rollout, and how many ms each is to be shown."""
-    env_id = s.agent.experiment.env_id
-    env = gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
-    frames = []
-    for step in s.agent.play(env, typical_seed(s)):
-        if step.t == FIRST + FRAMES * EVERY:
-            break
-        if step.t >= FIRST and (step.t - FIRST) % EVERY == 0:
-            picture = Image.fromarray(np.ascontiguousarray(env.render()))
-            height = round(picture.height * WIDTH / picture.width)
-            frames.append(picture.resize((WIDTH, height), Image.Resampling.LANCZOS))
-    env.close()
-    return frames, 1000 * EVERY / env.metadata["render_fps"]
+def frames(s: Score) -> Iterator[Image.Image]:
+    """The pictures, with the agent's name and score."""
+    for picture, seconds, _ in film(s.agent, typical_seed(s)):
+        if seconds > LAST:
+            return
+        if seconds >= FIRST:
+            image = Image.fromarray(picture)
+            size = WIDTH, round(image.height * WIDTH / image.width)
+            name = f"{EXPERIMENTS[s.agent.experiment.name].title}, {s.run}"
+            score = f"{s.mean:.0f} ± {s.std:.0f}"
+            yield captioned(image.resize(size, Image.Resampling.LANCZOS), name, score)
+
+
+def write(s: Score) -> Path:
+    """Write an agent's video; returns its path."""
+    path = scores.output_folder() / "gallery" / f"{s.agent.experiment.name}.webp"
+    write_video(path, frames(s), s.agent)
+    return path
 
 
 def main() -> None:
-    """Write a picture per experiment that has a checkpoint."""
-    with tqdm(EXPERIMENTS, unit="picture") as bar:
+    """Write a video per experiment that has a checkpoint."""
+    with tqdm(EXPERIMENTS, unit="video") as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            s = scores.representative(name)
-            if s is None:
-                continue
-            frames, duration = rollout(s)
-            data = io.BytesIO()
-            how = {"duration": round(duration), "loop": 0, "quality": 40, "method": 4}
-            frames[0].save(data, "WEBP", save_all=True, append_images=frames[1:], **how)
-            path = scores.output_folder() / "gallery" / f"{name}.webp"
-            write_atomically(path, data.getvalue())
-            tqdm.write(f"{scores.shown(path)}: {path.stat().st_size / 1024:.0f} kB")
+            if s := scores.representative(name):
+                path = write(s)
+                tqdm.write(f"{scores.shown(path)}: {path.stat().st_size / 1024:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -85,6 +85,7 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
     if not scores.rewards_small_legs(name):  # the paper's number is without that factor
         mean, _ = scores.paper()["table3"][name]
         right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
+    figure5.show_differences(right, name)
     for axes, label in zip((left, right), figure5.RETURNS, strict=True):
         axes.set_xlabel(figure5.STEPS)
         axes.set_ylabel(label)

@@ -158,12 +158,15 @@ body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
 h1, h2, h3 { line-height: 1.2; }
 h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
 img { width: 100%; max-width: 44rem; height: auto; display: block; margin: 0 auto; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 0.8rem; min-width: 40rem; }
+.wide { overflow-x: auto; width: max-content; min-width: 100%; max-width: calc(100vw - 3rem);
+  position: relative; left: 50%; transform: translateX(-50%); }
+table { border-collapse: collapse; font-size: 0.8rem; margin: 0 auto; }
 th, td { padding: 0.2rem 0.5rem; border-bottom: 1px solid #ddd; text-align: left;
-  vertical-align: top; }
-td { min-width: 2.5rem; }
-td a { white-space: nowrap; }
+  vertical-align: top; white-space: nowrap; }
+th { min-width: 3.5rem; white-space: normal; vertical-align: bottom; overflow-wrap: normal; }
+td.long { white-space: normal; min-width: 13rem; }
+@media (max-width: 40rem) { th, td { padding: 0.2rem; font-size: 0.75rem; min-width: 0; }
+  td.long:not(:last-child) { min-width: 8rem; } }
 pre { overflow-x: auto; background: #f4f4f4; padding: 0.7rem; }
 code { font-size: 0.85em; overflow-wrap: anywhere; }
 em { font-size: 0.85em; color: #444; }
@@ -176,6 +179,7 @@ def page(text: str, folder: Path) -> str:
     body = markdown.markdown(text, extensions=["tables", "fenced_code", "toc"])
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
+    body = re.sub(r"<td>(?=[^<]{30})", '<td class="long">', body)
 
     def inside(match: re.Match) -> str:
         data = (folder / match[1]).with_suffix(".svg").read_bytes()

@@ -191,7 +191,8 @@ def save(left: list[Planned], folder: Path) -> None:
         if (source / "state.safetensors").exists():
             target.mkdir(parents=True, exist_ok=True)
             # The state last: with an older one, what is there goes on from an earlier generation.
-            everything = dict.fromkeys(("/distribution", "/returns", "/design", "/evaluation"), 3)
+            topics = "/distribution", "/returns", "/body", "/design", "/evaluation"
+            everything = dict.fromkeys(topics, 3)
             thin(source / "generations.mcap", target / "generations.mcap", everything)
             for name in ("best.safetensors", "state.safetensors"):
                 with suppress(FileNotFoundError):

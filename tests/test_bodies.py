@@ -10,6 +10,7 @@ import pytest
 from designrl import viewer
 from designrl.bodies import relative, rotate
 from designrl.bodies.ant import ANT
+from designrl.bodies.robot import Robot
 from designrl.bodies.walker import WALKER
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
@@ -38,6 +39,16 @@ def test_the_body_is_an_urdf_with_the_papers_names(body):
         size = robot.find("link[@name='bottom leg 2']/visual/geometry/box").get("size").split()
         expected = space.dimensions(scales)[6:] / 30
         assert np.allclose([float(size[0]), float(size[2])], expected)
+
+
+def test_an_outline_has_the_size_of_its_body():
+    scales = np.linspace(0.4, 1.6, 8)
+    points, colors = Robot(WALKER.urdf(scales), dict.fromkeys(WALKER.joints, 0.0)).outline()
+    legs = (WALKER.design.dimensions(scales)[1::2] / 30).reshape(2, 2).sum(axis=1)
+    assert np.isclose(points[:, 2].min(), -8 / 30 - legs.max())  # straight down from the hip
+    assert len(points) == len(colors) < 1000
+    bent, _ = Robot(WALKER.urdf(scales), {"hip 1": np.pi / 2, "hip 2": 0, "knee 1": 0}).outline()
+    assert np.isclose(bent[:, 0].max(), legs[0])  # forward
 
 
 def test_poses_put_the_body_where_it_is():

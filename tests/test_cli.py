@@ -92,6 +92,11 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("info empty.mcap", "not an MCAP file"),
         ("record agent.safetensors -o r.txt", "name in .mcap"),
         ("record agent.safetensors -o r.mcap --episode -1", "--episode counts from 0"),
+        ("record agent.safetensors", "-o FILE.mcap, --video FILE.mp4, or both"),
+        ("record agent.safetensors -o r.mcap --video r.avi", "no video; give it a name in .mp4"),
+        ("replay r.mcap --at 3", "--headless-screenshot"),
+        ("replay r.mcap --port 80", "those of --web"),
+        ("replay r.mcap s.mcap --video r.gif", "films one run"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
@@ -101,6 +106,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     (tmp_path / "cut.safetensors").write_bytes(checkpoint.read_bytes()[:1000])
     (tmp_path / "empty.mcap").touch()
     assert words in refused(capsys, *command.split())
+    assert not (tmp_path / "r.mcap").exists()
 
 
 def test_a_dry_run_starts_nothing(tmp_path, capsys, monkeypatch):

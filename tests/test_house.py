@@ -25,6 +25,7 @@ FLOORS = (  # from the ground up; the rooms of a package stand on its floor
     "checkpoint",
     "evaluation",
     "recording",
+    "video",
     "train",
     "plan",
     "viewer",

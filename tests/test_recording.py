@@ -140,9 +140,12 @@ def test_run_reads_back_to_the_bit(run):
     assert recording.kind == "run" and recording.complete and recording.problem is None
     assert recording.metadata == HELD and "incomplete" not in describe(run)
     each = dict.fromkeys(("/design", "/distribution", "/returns", "/summary"), 12)
-    assert recording.topics == {**each, "/evaluation": 2} and count_by_others(run) == 4 * 12 + 2
+    seldom = {"/evaluation": 2, "/log": 2, "/body": 3, "/original": 1}
+    assert recording.topics == {**each, **seldom} and count_by_others(run) == 4 * 12 + 8
     assert np.array_equal(recording.generations, np.arange(12))
     written, evaluated = [generation(i) for i in range(12)], [evaluation(i) for i in (4, 9)]
+    assert recording.array("/body", "sequence").tolist() == [0, 4, 9]
+    assert re.match(r"generation 4: -?\d+\.\d ± ", recording.first("/log").message)
     for topic, expected, fields in (
         ("/distribution", written, ("mu", "sigma")),
         ("/returns", written, ("returns", "steps", "seeds")),
@@ -207,7 +210,7 @@ def test_a_killed_process_leaves_a_whole_file(tmp_path):
     last = len(recording.generations) - 1
     assert last >= done and np.array_equal(recording.generations, np.arange(last + 1))
     assert recording.problem is None and not recording.complete
-    assert count_by_others(path) == 4 * (last + 1)
+    assert count_by_others(path) == 4 * (last + 1) + 2  # the first bodies
     why = "incomplete (the run has not ended, or was killed)"
     assert f"{why}: it goes up to generation {last}" in describe(path)
 
@@ -232,7 +235,7 @@ def test_an_interrupt_waits_until_the_record_is_whole(number, tmp_path, monkeypa
     signal.signal(number, before)
     recording = read(path)
     assert recording.problem is None and recording.generations.tolist() == [0, 1, 2, 3]
-    assert count_by_others(path) == 16 and not recording.complete
+    assert count_by_others(path) == 18 and not recording.complete
     assert "incomplete (the run was stopped): it goes up to generation 3" in describe(path)
 
 
@@ -340,6 +343,15 @@ def test_a_resumed_run_has_every_generation_once(held, resume, tmp_path, capsys)
     assert recording.metadata_records == [("run", HELD), *middle, ("end", {"finished": "true"})]
 
 
+def test_metadata_that_repeats_a_key_gets_a_name_of_its_own(tmp_path):
+    path = tmp_path / "run.mcap"
+    for resume in (0, 2, 4, 6):
+        write_run(path, range(resume, resume + 3), resume_generation=resume)
+    names = [name for name, _ in read(path).metadata_records]
+    assert names == ["run", "resumed", "resumed 2", "resumed 3", "end"]
+    assert read(path).topics["/original"] == 1
+
+
 def test_a_run_resumes_from_a_file_that_was_cut(run, tmp_path):
     data, path = run.read_bytes(), tmp_path / "run.mcap"
     for cut in np.random.default_rng(1).integers(8, len(data), 10):
@@ -377,7 +389,7 @@ def test_a_full_disk_is_one_sentence_and_costs_no_generation(tmp_path, monkeypat
     assert done >= 3
     recording = read(path)
     assert recording.problem is None and recording.generations[-1] == done
-    assert count_by_others(path) == 4 * (done + 1)
+    assert count_by_others(path) == 4 * (done + 1) + 2
 
 
 def test_what_cannot_be_recorded_is_refused_and_leaves_no_file(rollout, tmp_path, monkeypatch):

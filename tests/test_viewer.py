@@ -1,10 +1,16 @@
 """Replay: the layout and the data without a window, and true pictures where there is a driver."""
 
 import errno
+import io
+import json
 import os
 import re
 import shutil
+import socket
 import subprocess
+import sys
+import urllib.parse
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +21,13 @@ from test_recording import random_agent, write_run
 
 from designrl import viewer
 from designrl.bodies import rotate
+from designrl.bodies.robot import _quaternion
 from designrl.bodies.walker import WalkerBody
 from designrl.errors import InputError
 from designrl.recording import read, record_rollout
 from designrl.recording.mcap_file import McapFile
-from designrl.viewer import data
+from designrl.viewer import data, layout, web
 from designrl.viewer import picture as picture_module
-from designrl.viewer.drawing import _quaternion
 from designrl.viewer.picture import EXECUTABLE, NO_DRIVER, NO_DRIVER_MESSAGE
 
 
@@ -91,8 +97,8 @@ def test_a_runs_folder_and_a_rollout_are_replayed_together(folder, ant, tmp_path
     viewer.replay([folder, ant], save=tmp_path / "all.rrd")
     entities = logged(tmp_path / "all.rrd")
     for entity in (
-        "/generations/learning/population",
-        "/generations/learning/evaluation",
+        "/generations/population",
+        "/generations/evaluation/each",
         "/generations/sigma",
         "/generations/design/leg 1",
         "/generations/figure/mean/hull/top leg 1/bottom leg 1",
@@ -105,6 +111,52 @@ def test_a_runs_folder_and_a_rollout_are_replayed_together(folder, ant, tmp_path
     assert "Scalars:scalars" in entities["/generation00010/joints"]
     assert "Transform3D:quaternion" in entities["/generation00005/world/hull"]
     assert "/ant/world/lidar" not in entities
+
+
+def test_a_tab_names_experiment_seed_and_generation(folder, ant, tmp_path):
+    agent = random_agent("biped")
+    agent.metadata |= {"seed": 3, "generation": 25}
+    record_rollout(agent, tmp_path / "a.mcap", seed=0)
+    record_rollout(agent, tmp_path / "b.mcap", seed=1)
+    paths = folder / "generations.mcap", tmp_path / "a.mcap", tmp_path / "b.mcap", ant
+    titles = layout.tab_titles([read(path) for path in paths])
+    run = f"biped-morphology seed {read(paths[0]).metadata['seed']}"
+    named = [run, "biped seed 3, generation 25", "generation 25", "ant-morphology seed 1"]
+    assert titles == named
+
+
+def test_a_plot_says_what_training_changes_of_the_return(folder, monkeypatch):
+    recording = read(folder / "generations.mcap")
+    found = layout.training_changes(recording)
+    assert found == ["a fall costs nothing", "over 300 earns 100 more"]
+    for name, settings, words in (
+        ("biped-morphology-smaller-leg", {}, ["leg area reward", *found]),
+        ("biped", {"shaped_rewards": False}, []),
+        ("ant", {}, []),
+    ):
+        about = {"experiment": name, "settings": json.dumps(settings)}
+        monkeypatch.setattr(type(recording), "metadata", about)
+        assert layout.training_changes(recording) == words
+
+
+def test_a_picture_is_of_the_chosen_moment(folder, tmp_path, monkeypatch):
+    taken = []
+    monkeypatch.setattr(viewer, "take_picture", lambda rrd, *at: taken.append(at) or b"picture")
+    rollout = folder / "rollouts" / "generation00010.mcap"
+    seconds = read(rollout).seconds
+    for i, (path, at, expected) in enumerate(
+        (
+            (folder, None, ("generation", 11)),
+            (folder, 3, ("generation", 3)),
+            (rollout, None, ("time", seconds / 2)),
+            (rollout, 0.5, ("time", 0.5)),
+        )
+    ):
+        viewer.replay([path], screenshot=tmp_path / f"{i}.png", at=at)
+        assert taken[-1] == expected
+    for path, at, text in ((folder, 12, "0 to 11 generations"), (rollout, -1, "--at is -1")):
+        with pytest.raises(InputError, match=text):
+            viewer.replay([path], screenshot=tmp_path / "x.png", at=at)
 
 
 def test_files_of_one_name_stay_apart(folder, tmp_path):
@@ -124,7 +176,7 @@ def test_many_rollouts_are_thinned_evenly(tmp_path, capsys):
 
 
 def test_urdf_angles_become_the_right_rotation():
-    q = np.array(_quaternion(0, np.pi / 2, np.pi / 4))
+    q = _quaternion(0, np.pi / 2, np.pi / 4)
     assert np.allclose(rotate(q, np.array([0, 0, 1.0])), [np.sqrt(0.5), np.sqrt(0.5), 0])
 
 
@@ -234,7 +286,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_nothing(option, folder, tmp_path
         return write(descriptor, bytes(data[:100]))
 
     monkeypatch.setattr(os, "write", full)
-    monkeypatch.setattr(viewer, "take_picture", lambda rrd, at: rrd.read_bytes())
+    monkeypatch.setattr(viewer, "take_picture", lambda rrd, *at: rrd.read_bytes())
     target = tmp_path / "full" / "x"
     with pytest.raises(InputError, match=r"x cannot be written \(No space left on device\)"):
         viewer.replay([folder / "generations.mcap"], **{option: target})
@@ -249,6 +301,72 @@ def test_a_rollout_stands_at_the_index_of_its_generation(folder, tmp_path):
     run, rollout = read(folder / "generations.mcap"), read(path)
     column = data._times(rollout, "/tf")[1]
     assert set(column.as_arrow_array().to_pylist()) == {run.generations[-1]} == {11}
+
+
+# ------------------------------------------------------------------------- in a browser
+
+
+@pytest.fixture
+def served(folder):
+    """The address that `designrl replay --web` prints."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "designrl", "replay", folder, "--web", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process.stdout.readline().removeprefix("open ").strip(), port
+        finally:
+            process.terminate()
+    for each in (port, port + 1):  # the server has gone with the command
+        with pytest.raises(OSError), socket.create_connection(("127.0.0.1", each), 1):
+            pass
+
+
+def test_a_browser_gets_a_page_and_the_data(served, folder):
+    url, port = served
+    with urllib.request.urlopen(url) as answer:
+        assert b"<canvas" in answer.read()
+    data = urllib.parse.parse_qs(urllib.parse.urlsplit(url).query)["url"]
+    assert data == [f"rerun+http://127.0.0.1:{port + 1}/proxy"]
+    socket.create_connection(("127.0.0.1", port + 1), 1).close()
+    with pytest.raises(InputError, match=rf"{port} cannot be listened at .*--port"):
+        viewer.replay([folder], web=("127.0.0.1", port))
+
+
+def test_the_layout_is_in_the_data_and_active(folder, tmp_path):
+    viewer.replay([folder], save=tmp_path / "a.rrd")
+    text = rerun("rrd", "print", "-vvv", tmp_path / "a.rrd").stdout
+    assert "BlueprintActivationCommand" in text and "make_active: true" in text
+    assert "score of evaluated agents, points" in text
+
+
+@pytest.mark.parametrize(
+    ("address", "host"), [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("0.0.0.0", None)]
+)
+def test_the_address_is_one_that_a_browser_can_open(address, host):
+    host = host or socket.gethostname()
+    assert web.page(address, 80).startswith(f"http://{host}:80/?url=rerun%2Bhttp%3A%2F%2F")
+
+
+def test_a_browser_shows_our_layout(served):
+    reason = "needs playwright (pip) and a chromium in the PATH"
+    playwright = pytest.importorskip("playwright.sync_api", reason=reason)
+    if not (chromium := shutil.which("chromium")):
+        pytest.skip(reason)
+    software = "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=software.split())
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(served[0])
+
+        def sky() -> float:
+            page.wait_for_timeout(2000)
+            picture = Image.open(io.BytesIO(page.screenshot(timeout=60_000))).convert("RGB")
+            return _share(np.array(picture), (210, 210, 250), (220, 220, 255))
+
+        assert any(sky() > 10 for _ in range(30))  # behind the body; only our layout has it
+        browser.close()
 
 
 # ------------------------------------------------------------------------- stock Rerun
@@ -268,6 +386,18 @@ def test_rerun_finds_nothing_to_say(folder, ant):
 def _share(picture: np.ndarray, low, high) -> float:
     """Share of the pixels between two colors (3,), in %."""
     return 100 * ((picture >= low) & (picture <= high)).all(axis=2).mean()
+
+
+def test_stock_rerun_opens_a_run_on_its_body_and_evaluations(folder, tmp_path):
+    def drawn(recording: Path) -> bool:
+        red, green, blue = np.moveaxis(stock_picture(recording, tmp_path).astype(int), 2, 0)
+        legs = (red > green + 40) & (blue > green + 20)  # pink
+        levels = (green > red + 60) & (green > blue + 20)  # "INFO" of each line
+        return legs.mean() > 1e-4 and levels.mean() > 1e-5
+
+    assert any(drawn(folder / "generations.mcap") for _ in range(3))
+    write_empty(tmp_path / "empty.mcap")
+    assert not drawn(tmp_path / "empty.mcap")
 
 
 @pytest.mark.parametrize("kind", ["walker", "ant"])
@@ -310,8 +440,8 @@ def test_a_picture_shows_body_ground_and_plots(folder, tmp_path, monkeypatch):
             raise
         pytest.skip(NO_DRIVER)
     picture = np.array(Image.open(target).convert("RGB"))
-    assert picture.shape == (1000, 1600, 3)
-    assert _share(picture, (100, 170, 85), (125, 195, 110)) > 1.5  # the ground's top
+    assert picture.shape == (964, 1600, 3) and (picture[:3] > 20).any()  # no empty bar
+    assert _share(picture, (100, 170, 85), (125, 195, 110)) > 0.8  # the ground's top
     assert _share(picture, (50, 90, 40), (90, 140, 80)) > 5  # its darker front
     assert _share(picture, (90, 55, 140), (180, 130, 255)) > 0.3  # hull
     assert _share(picture, (200, 200, 240), (230, 230, 255)) > 20  # sky

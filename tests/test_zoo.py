@@ -1,7 +1,6 @@
 """The published runs: planned by recipe, trained, interrupted, resumed, published, verified."""
 
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -67,7 +66,7 @@ def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
     process = subprocess.Popen([*command, project / "runs/biped/seed0"], stderr=subprocess.DEVNULL)
     while not (project / "runs/biped/seed0/best.safetensors").exists():
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    process.terminate()
     assert process.wait() == 130
     zoo.save([run], project / "runs")
     assert sorted(path.name for path in zoo.unfinished(run).iterdir()) == [

@@ -14,7 +14,10 @@ from designrl.design import DesignSpace
 
 GROUND_COLOR = (112, 184, 96)
 OBSTACLE_COLOR = (190, 190, 190)
-GROUND_HALF_WIDTH = 1.0  # m; the ground of a two-dimensional world is drawn this wide
+SKY_COLOR = (215, 215, 255)  # Gymnasium's
+ORIGINAL_COLOR = (150, 150, 150)  # of an original body beside a learned one
+ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: there it stands, seen from the learned one
+GROUND_HALF_WIDTH = 0.6  # m; the ground of a two-dimensional world is drawn this wide
 
 # Positions (n, 3) in m and rotations (n, 4), quaternions x, y, z, w, of n parts.
 Poses = tuple[np.ndarray, np.ndarray]
@@ -35,8 +38,8 @@ class Body:
         rest_pose: joint -> rad, how it stands where only its design is drawn; joints that are not
             named are in mid-range.
         rollout_eye: seen from the body's root, how a rollout is looked at.
-        design_eye: how a design is looked at, whose root is at 0; the original body stands 2.5 m to
-            its left, x = -2.5 m.
+        design_eye: how a design is looked at, whose root is at 0, with the original body at
+            ORIGINAL_AT.
         limbs: limb -> indices of its dimensions; each limb gets a plot of its own.
     """
 
@@ -48,8 +51,8 @@ class Body:
     contact_names: tuple[str, ...] = ()
     time_step: float
     rest_pose: dict[str, float] = {}
-    rollout_eye: Eye = ((-2.5, -4.5, 2.2), (0.1, 0, -0.1))
-    design_eye: Eye = ((-1.2, -2.6, 2.6), (-1.2, -0.1, 0))
+    rollout_eye: Eye = ((-1.5, -2.7, 1.4), (0.1, 0, -0.1))
+    design_eye: Eye = ((-1.2, -1.9, 1.9), (-1.2, -0.1, -0.1))
 
     @property
     def limbs(self) -> dict[str, list[int]]:
@@ -88,6 +91,13 @@ class Body:
         """
         return None
 
+    def picture(self, env) -> np.ndarray:
+        """(H, W, 3) uint8: the body from near by, as videos show it; H and W are even.
+
+        `env` has the render mode "rgb_array". Here: what it renders.
+        """
+        return env.render()
+
     def ground_near(self, env, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) points of the ground around a place (3,), (n, 3) uint8 their colors.
 
@@ -113,10 +123,15 @@ def relative(parents: Poses, children: Poses) -> Poses:
     """Each child's pose as its parent sees it; both are given in the world."""
     (p, q), (r, s) = parents, children
     inverse = q * (-1, -1, -1, 1)
-    a, b, x, y = inverse[..., :3], s[..., :3], inverse[..., 3:], s[..., 3:]
+    return rotate(inverse, r - p), multiply(inverse, s)
+
+
+def multiply(q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """The quaternions (..., 4) that turn by r, then by q."""
+    a, b, x, y = q[..., :3], r[..., :3], q[..., 3:], r[..., 3:]
     vector = x * b + y * a + _cross(a, b)
     scalar = x * y - (a * b).sum(axis=-1, keepdims=True)
-    return rotate(inverse, r - p), np.concatenate([vector, scalar], axis=-1)
+    return np.concatenate([vector, scalar], axis=-1)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -6,8 +6,17 @@ Box2D's y is z here. The names are the paper's. The parts have no depth; they ar
 import math
 
 import numpy as np
+from PIL import Image, ImageDraw
 
-from designrl.bodies import GROUND_COLOR, GROUND_HALF_WIDTH, OBSTACLE_COLOR, Body, Poses, urdf
+from designrl.bodies import (
+    GROUND_COLOR,
+    GROUND_HALF_WIDTH,
+    OBSTACLE_COLOR,
+    SKY_COLOR,
+    Body,
+    Poses,
+    urdf,
+)
 from designrl.design import DesignSpace
 from designrl.errors import InputError
 
@@ -16,12 +25,15 @@ HULL = ((-30, 9), (6, 9), (34, 1), (34, -8), (-30, -8))  # corners, in 1/30 m (G
 HIP = -8 / SCALE  # m, from the hull's origin
 HULL_COLOR = (160, 105, 255)
 LEG_COLORS = ((255, 190, 225), (225, 110, 180))  # leg 1, leg 2
-LEG_SIDE = 0.4  # m: leg 1 is drawn that much to the left of the hull's plane, leg 2 to the right
+LEG_SIDE = 0.3  # m: leg 1 is drawn that much to the left of the hull's plane, leg 2 to the right
 LIDAR_RAYS = 10
+
+PICTURE_SIZE = (640, 480)  # pixels
+SMOOTHING = 2  # pictures are drawn so much larger and then reduced
 
 GROUND_REACH = 7.0  # m to either side of the body: the ground that any viewer is shown
 GROUND_SPACING = 0.06  # m between the points of a line
-GROUND_ROWS = 9  # lines across the ground's width
+GROUND_ROWS = 7  # lines across the ground's width
 
 
 class WalkerBody(Body):
@@ -116,6 +128,35 @@ class WalkerBody(Body):
         shapes = [np.array(body.fixtures[0].shape.vertices) for body in env.terrain]
         boxes = [(*c.min(axis=0), *c.max(axis=0)) for c in shapes if len(c) > 2]
         return profile, np.array(boxes, dtype=np.float64).reshape(-1, 4)[:, [0, 2, 1, 3]]
+
+    def picture(self, env) -> np.ndarray:
+        """The body from its side, as large as its legs allow; the eye follows it."""
+        profile, obstacles = self.terrain(env)
+        legs = self.design.dimensions(env.design)[1::2].reshape(2, 2).sum(axis=1).max() / SCALE
+        width, height = np.multiply(PICTURE_SIZE, SMOOTHING)
+        pixels = 0.68 * height / (legs + (HULL[0][1] - HULL[3][1]) / SCALE)  # per m
+        x = env.hull.position[0]
+        near = np.abs(profile[:, 0] - x) < 3.0  # the mean of so much ground moves smoothly
+        corner = np.array(
+            [x - width / pixels * 0.45, profile[near, 1].mean() + 0.8 * height / pixels]
+        )
+
+        def polygon(points, face, edge=None) -> None:
+            at = (np.asarray(points) - corner) * (pixels, -pixels)
+            draw.polygon([tuple(p) for p in at.tolist()], face, edge, SMOOTHING if edge else 1)
+
+        image = Image.new("RGB", (width, height), SKY_COLOR)
+        draw = ImageDraw.Draw(image)
+        depth = profile[:, 1].min() - 10
+        ends = [(profile[-1, 0], depth), (profile[0, 0], depth)]
+        polygon([*profile.tolist(), *ends], GROUND_COLOR)
+        for x0, x1, z0, z1 in obstacles.tolist():
+            polygon([(x0, z0), (x1, z0), (x1, z1), (x0, z1)], OBSTACLE_COLOR)
+        for body in (*env.legs, env.hull):
+            for fixture in body.fixtures:
+                corners = [body.transform * vertex for vertex in fixture.shape.vertices]
+                polygon(corners, body.color1, body.color2)
+        return np.asarray(image.reduce(SMOOTHING))
 
     def ground_near(self, env, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) points of the course within GROUND_REACH of a place, (n, 3) their colors."""

@@ -84,6 +84,7 @@ class McapFile:
         self._sealed, self._seal_seconds = time.monotonic(), 0.0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
+        self._metadata_keys: dict[str, set[str]] = {}
         self.last_log_time = 0
         # Summary offsets are the one part of the end that a repeated finish() would write twice.
         self._writer = Writer(self._tail, chunk_size=CHUNK_BYTES, use_summary_offsets=False)
@@ -106,9 +107,18 @@ class McapFile:
         return self._file is not None
 
     def metadata(self, name: str, values: dict) -> None:
-        """Add a metadata record; what is not text becomes JSON."""
+        """Add a metadata record; what is not text becomes JSON.
+
+        Where one of this name has a key of it already, a number is added to the name ("resumed 2"):
+        viewers take such keys for a mistake.
+        """
         texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in values.items()}
-        self._writer.add_metadata(name, texts)
+        unique, count = name, 1
+        while self._metadata_keys.setdefault(unique, set()) & texts.keys():
+            count += 1
+            unique = f"{name} {count}"
+        self._metadata_keys[unique] |= texts.keys()
+        self._writer.add_metadata(unique, texts)
 
     def write(
         self, message, log_time: int, sequence: int, names=(), unit: str = "", topic: str = ""

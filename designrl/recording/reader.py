@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
@@ -22,6 +23,7 @@ _CLASSES = {
     kind.DESCRIPTOR.full_name: kind
     for kind in (
         FrameTransforms,
+        Log,
         PointCloud,
         *(getattr(schema, name) for name in schema.DESCRIPTOR.message_types_by_name),
     )
@@ -142,7 +144,8 @@ class Recording(Scan):
 
         Args:
             topic: one of `topics`.
-            field: of its message, see `schema.proto`; "log_time" is the messages' times in ns.
+            field: of its message, see `schema.proto`; "log_time" is the messages' times in ns,
+                "sequence" their generation or step.
 
         Returns: (M,) for a field with one number, (M, K) for an array, (M, N, R) for the fields of
             /returns, in the field's own type. Where the length changes from message to message:
@@ -152,13 +155,15 @@ class Recording(Scan):
             RecordingError: no such topic or field.
         """
         channel = self._channel(topic)
-        if field == "log_time":
-            return np.array([m.log_time for m in self.raw({channel.id})], dtype=np.int64)
+        if field in ("log_time", "sequence"):
+            return np.array([getattr(m, field) for m in self.raw({channel.id})], dtype=np.int64)
         kind = _CLASSES.get(self.schema(channel).name)
         found = kind.DESCRIPTOR.fields_by_name.get(field) if kind else None
         if found is None or found.type not in _DTYPES:
             fields = kind.DESCRIPTOR.fields if kind else ()
-            known = ", ".join([f.name for f in fields if f.type in _DTYPES] + ["log_time"])
+            known = ", ".join(
+                [f.name for f in fields if f.type in _DTYPES] + ["log_time", "sequence"]
+            )
             raise RecordingError(
                 f"{topic} in {self.path} has no field {field!r} of numbers; it has {known}"
             )

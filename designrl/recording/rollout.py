@@ -6,13 +6,12 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from designrl.bodies import relative
 from designrl.errors import InputError
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, McapFile
+from designrl.recording.points import point_cloud
 
 GROUND_REFRESH = 1.0  # m that a body moves before the ground near it is recorded again
 
@@ -80,7 +79,7 @@ class RolloutWriter:
         self._file.write(message, now, self._step, topic="/tf")
         if self._shown_at is None or math.dist(place, self._shown_at) > GROUND_REFRESH:
             self._shown_at = place
-            cloud = _point_cloud(*self._body.ground_near(self._env, place), now)
+            cloud = point_cloud(*self._body.ground_near(self._env, place), now)
             self._file.write(cloud, now, self._step, topic="/ground")
 
     def step(self, observation, action, reward: float, info: dict) -> None:
@@ -135,22 +134,6 @@ def _caption(metadata: dict) -> str:
         lines.append(f"body, in {metadata['unit']}:")
         lines += [f"  {name}: {size:.4g}" for name, size in metadata["body"].items()]
     return "\n".join(["designrl rollout", *lines])
-
-
-def _point_cloud(points: np.ndarray, colors: np.ndarray, now: int) -> PointCloud:
-    """Points (n, 3) in m with colors (n, 3) in 0..255, in the frame `world`."""
-    records = np.zeros(
-        len(points), dtype=[("position", "<f4", 3), ("color", "u1", 3), ("alpha", "u1")]
-    )
-    records["position"], records["color"], records["alpha"] = points, colors, 255
-    cloud = PointCloud(frame_id="world", point_stride=records.itemsize, data=records.tobytes())
-    cloud.timestamp.FromNanoseconds(now)
-    cloud.pose.orientation.w = 1.0
-    for i, name in enumerate("xyz"):
-        cloud.fields.add(name=name, offset=4 * i, type=PackedElementField.FLOAT32)
-    for i, name in enumerate(("red", "green", "blue", "alpha")):
-        cloud.fields.add(name=name, offset=12 + i, type=PackedElementField.UINT8)
-    return cloud
 
 
 def record_rollout(

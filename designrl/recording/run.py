@@ -7,7 +7,10 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from designrl.bodies import ORIGINAL_AT, ORIGINAL_COLOR
+from designrl.bodies.robot import Robot
 from designrl.errors import remark
 from designrl.experiments import get_experiment
 from designrl.recording import schema_pb2 as schema
@@ -20,10 +23,14 @@ from designrl.recording.mcap_file import (
     RecordingError,
     uninterrupted,
 )
+from designrl.recording.points import point_cloud
 from designrl.recording.reader import Recording, read
 
 # Messages of a topic that a thinned copy has at most, or, of evaluations, those with episodes.
-KEPT = {"/distribution": 3, "/returns": 3, "/evaluation": 3, "/design": 40, "/summary": 500}
+KEPT = {
+    **{"/distribution": 3, "/returns": 3, "/evaluation": 3},
+    **{"/body": 10, "/design": 40, "/summary": 500},
+}
 
 
 class RunWriter:
@@ -45,7 +52,9 @@ class RunWriter:
     """
 
     def __init__(self, path: str | Path, metadata: dict, resume_generation: int | None = None):
-        self._design = get_experiment(metadata["experiment"]).design
+        experiment = get_experiment(metadata["experiment"])
+        self._body, self._design = experiment.body, experiment.design
+        self._scales = None  # of the last generation's mean body
         old = read(path) if resume_generation is not None and Path(path).exists() else None
         if old:
             _require_same_run(old, metadata)
@@ -63,6 +72,7 @@ class RunWriter:
             if old:
                 _copy(self._file, old, lambda _, g, data: data if g < resume_generation else None)
             self._log_time = self._file.last_log_time
+            self._drawn = bool(old and old.topics.get("/body"))  # the first body, at least
             self._file.publish()
         except BaseException:
             self._file.close()
@@ -71,9 +81,18 @@ class RunWriter:
             remark(f"{path}: {gap} (the file was cut or removed); going on")
 
     def _write(self, message, names=(), unit: str = "") -> None:
+        self._file.write(message, self._now(), message.generation, names, unit)
+
+    def _now(self) -> int:
         # A wall clock may be set back; readers want times that never decrease.
         self._log_time = max(time.time_ns(), self._log_time)
-        self._file.write(message, self._log_time, message.generation, names, unit)
+        return self._log_time
+
+    def _draw(self, topic: str, generation: int, scales: np.ndarray, at=(0, 0, 0), color=None):
+        points, colors = Robot(self._body.urdf(scales), self._body.rest_pose).outline()
+        now = self._now()
+        cloud = point_cloud(points + at, colors if color is None else color, now)
+        self._file.write(cloud, now, generation, topic=topic)
 
     @uninterrupted()
     def generation(
@@ -120,9 +139,13 @@ class RunWriter:
         if self._design is not None:
             size = self._design.size
             m, s = mu[-size:].astype(np.float64), sigma[-size:].astype(np.float64)
-            sizes, lower, upper = (
-                self._design.dimensions(self._design.scales(p)) for p in (m, m - s, m + s)
-            )
+            scales = [self._design.scales(p) for p in (m, m - s, m + s)]
+            sizes, lower, upper = map(self._design.dimensions, scales)
+            self._scales = scales[0]
+            if not self._drawn:
+                self._drawn, original = True, np.ones(size)
+                self._draw("/original", index, original, ORIGINAL_AT, ORIGINAL_COLOR)
+                self._draw("/body", index, self._scales)
             design = schema.Design(
                 generation=index, mu=m, sigma=s, dimensions=sizes, lower=lower, upper=upper
             )
@@ -159,6 +182,11 @@ class RunWriter:
             seeds=np.ravel(seeds).tolist(),
         )
         self._write(evaluation)
+        line = Log(level=Log.INFO, name="evaluation", message=_in_words(evaluation))
+        line.timestamp.FromNanoseconds(self._log_time)
+        self._file.write(line, self._log_time, index)
+        if self._scales is not None:
+            self._draw("/body", index, self._scales)
         self._file.seal_if_due()
 
     @uninterrupted()
@@ -202,6 +230,12 @@ def _comparable(value):
     return {**value, "generations": None} if isinstance(value, dict) else value
 
 
+def _in_words(e: schema.Evaluation) -> str:
+    best = ", the best so far" if e.kept else ""
+    episodes = f"{len(e.scores)} episode{'s' if len(e.scores) > 1 else ''}"
+    return f"generation {e.generation}: {e.mean:.1f} ± {e.sd:.1f} over {episodes}{best}"
+
+
 def _gap(held, stop: int) -> str:
     """Which of the generations before `stop` are missing, in words; empty where none is."""
     missing = np.setdiff1d(np.arange(stop), held)
@@ -238,7 +272,7 @@ def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT)
         raise RecordingError(f"{source} holds no generations; name a run's generations.mcap")
     kept = {}
     for topic in filter(recording.topics.get, keep):
-        held = recording.array(topic, "generation")
+        held = recording.array(topic, "sequence")
         spread = np.linspace(0, len(held) - 1, min(len(held), keep[topic]))
         kept[topic] = set(held[spread.round().astype(int)].tolist())
     done = {

@@ -4,6 +4,7 @@
     designrl replay runs/biped-morphology/seed0          # a run's folder: learning and rollouts
     designrl replay a.mcap b.mcap --save both.rrd
     designrl replay rollout.mcap --headless-screenshot picture.png
+    designrl replay rollout.mcap --web                   # in a browser, also through ssh
 
 The layout (`viewer.layout`) and the data (`viewer.data`) are made apart, both without a window.
 A run is on the timeline `generation`, a rollout on the timeline `time` (s of simulated time).
@@ -16,67 +17,108 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from designrl.errors import InputError, remark
 from designrl.files import write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
 from designrl.viewer.data import log_recording
-from designrl.viewer.layout import blueprint
+from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
 from designrl.viewer.picture import EXECUTABLE, take_picture
+from designrl.viewer.web import serve
 
 MAX_ROLLOUTS = 6  # of a run's folder that are opened; name files to open others
 
 
-def replay(paths, save: str | Path | None = None, screenshot: str | Path | None = None) -> None:
-    """Open recordings in Rerun, or write them as an .rrd file, or as a picture, or both.
+def replay(
+    paths,
+    save: str | Path | None = None,
+    screenshot: str | Path | None = None,
+    at: float | None = None,
+    web: tuple[str, int] | None = None,
+) -> None:
+    """Open recordings in Rerun, or write them as an .rrd file or a picture, or serve them.
 
     Args:
         paths: recordings, or folders of runs.
         save: .rrd file to write instead of opening a viewer.
         screenshot: PNG file to write instead of opening a viewer, through a viewer without window.
+        at: what the picture shows: of a run the generation, as an index, of a rollout s of its
+            time; else a run's last generation, or the middle of a rollout.
+        web: address and port to serve them at to browsers, until Ctrl-C, instead of opening a
+            viewer.
 
     Raises:
         InputError: nothing to open, a file that cannot be read or written or that exists already,
-            no display, no graphics driver.
+            no display, no graphics driver, a port that is not free.
     """
     paths = [Path(path) for path in paths]
     targets = [Path(path) for path in (save, screenshot) if path is not None]
     _check_targets(targets, paths)
     recordings = _read_usable(paths)
     names = unique_names([recording.path for recording in recordings])
-    layout = blueprint(recordings, names)
-    stream = rr.RecordingStream("designrl")
-    if not targets:
-        _require_display()
-        # Where the environment is not activated, Rerun would not find its own viewer.
-        os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
-        try:
-            stream.spawn(default_blueprint=layout)
-            _log(stream, recordings, names)
-        except RuntimeError as error:
-            raise InputError(
-                f"Rerun's viewer did not start ({error}); add --save FILE.rrd and open that file "
-                "elsewhere"
-            ) from None
-        stream.disconnect()
+    layout = blueprint(recordings, names, for_picture=screenshot is not None)
+    if not targets and not web:
+        _open(recordings, names, layout)
         return
+    data = _as_rrd(recordings, names, layout)
+    if save is not None:
+        write_atomically(save, data)
+    with tempfile.TemporaryDirectory() as folder:
+        shown = Path(folder) / "replay.rrd"
+        write_atomically(shown, data)
+        if screenshot is not None:
+            write_atomically(screenshot, take_picture(shown, *_moment(recordings[0], at)))
+        if web is not None:
+            serve(shown, *web)
+
+
+def _open(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> None:
+    _require_display()
+    # Where the environment is not activated, Rerun would not find its own viewer.
+    os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    stream = rr.RecordingStream("designrl")
+    try:
+        stream.spawn(default_blueprint=layout)
+        _log(stream, recordings, names)
+    except RuntimeError as error:
+        raise InputError(
+            f"Rerun's viewer did not start ({error}); add --save FILE.rrd and open that file "
+            "elsewhere"
+        ) from None
+    stream.disconnect()
+
+
+def _as_rrd(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> bytes:
     # Not straight to a file: Rerun would leave a torn one where the disk is full.
+    stream = rr.RecordingStream("designrl")
     memory = stream.memory_recording()
-    stream.send_blueprint(layout, make_active=False, make_default=True)
+    # The web viewer takes no notice of a layout that is only the default.
+    stream.send_blueprint(layout, make_active=True, make_default=True)
     try:
         _log(stream, recordings, names)
     finally:
         data = memory.drain_as_bytes()  # after an error, too: Rerun would warn of what it drops
         stream.disconnect()
-    if save is not None:
-        write_atomically(save, data)
-    if screenshot is not None:
-        middle = recordings[0].seconds / 2 if recordings[0].kind == "rollout" else None
-        with tempfile.TemporaryDirectory() as folder:
-            shown = Path(folder) / "replay.rrd"
-            write_atomically(shown, data)
-            write_atomically(screenshot, take_picture(shown, middle))
+    return data
+
+
+def _moment(recording: Recording, at: float | None) -> tuple[str, int | float]:
+    """The timeline and the place on it that a picture of a recording shows.
+
+    Raises:
+        InputError: `at` is not within the recording.
+    """
+    if recording.kind == "run":
+        timeline, end, default = GENERATION, last_generation(recording), last_generation(recording)
+    else:
+        timeline, end, default = TIME, recording.seconds, recording.seconds / 2
+    at = default if at is None else at
+    if not 0 <= at <= end:
+        unit = "generations" if timeline == GENERATION else "s"
+        raise InputError(f"{recording.path} goes from 0 to {end:g} {unit}, --at is {at:g}")
+    return timeline, int(at) if timeline == GENERATION else float(at)
 
 
 def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[str]) -> None:
@@ -115,7 +157,7 @@ def _require_display() -> None:
     variables = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     if sys.platform == "linux" and not any(map(os.environ.get, variables)):
         raise InputError(
-            "there is no display to open Rerun on; add --save FILE.rrd or "
+            "there is no display to open Rerun on; add --web, --save FILE.rrd or "
             "--headless-screenshot FILE.png"
         )
 

@@ -6,14 +6,14 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 import rerun as rr
 
-from designrl.bodies import GROUND_HALF_WIDTH
+from designrl.bodies import ORIGINAL_AT, ORIGINAL_COLOR
+from designrl.bodies.robot import Robot
 from designrl.recording import Recording, RecordingError
-from designrl.viewer.drawing import Robot, log_floor, log_terrain
+from designrl.viewer.drawing import log_floor, log_part, log_robot, log_terrain
 from designrl.viewer.layout import GENERATION, TIME, body_of, entity
 
 MAX_FIGURES = 300  # bodies of a run that are drawn, evenly spaced over its generations
-ORIGINAL_AT = (-2.5, 0.0, 0.0)  # m: the original body stands to the left of the learned one
-GRAY, RED = (150, 150, 150), (255, 60, 60)
+RED = (255, 60, 60)
 PALETTE = np.array(
     [  # eight colors that remain apart for the color-blind (after Okabe and Ito), lightened
         (86, 180, 233),
@@ -75,20 +75,24 @@ def log_run(stream: rr.RecordingStream, recording: Recording, name: str) -> None
     blue, orange, white = PALETTE[[0, 1, 7]]
     _series(
         stream,
-        f"{name}/learning/population",
+        f"{name}/population",
         times,
         np.stack([mean, mean - 2 * sd, mean + 2 * sd, best], axis=1),
-        ("population mean", "mean - 2 sd", "mean + 2 sd", "best of the population"),
+        ("mean", "± 2 sd", "± 2 sd", "best"),
         {"colors": [blue, blue // 2, blue // 2, white // 3 * 2], "widths": [3, 1, 1, 1]},
     )
     names = ("mean", "smallest", "largest")
     _series(stream, f"{name}/sigma", times, np.stack(sigma, axis=1), names)
     if recording.topics.get("/evaluation"):
-        path, scores = f"{name}/learning/evaluation", recording.array("/evaluation", "mean")
-        style = {"colors": orange, "markers": "diamond", "marker_sizes": 4}
-        stream.log(path, rr.SeriesPoints(names="evaluation", **style), static=True)
-        times = _generations(recording, "/evaluation")
+        times, scores = (
+            _generations(recording, "/evaluation"),
+            recording.array("/evaluation", "mean"),
+        )
+        path, style = f"{name}/evaluation/each", {"markers": "diamond", "marker_sizes": 4}
+        stream.log(path, rr.SeriesPoints(names="evaluation", colors=orange, **style), static=True)
         stream.send_columns(path, times, rr.Scalars.columns(scalars=scores))
+        best = np.maximum.accumulate(scores)
+        _series(stream, f"{name}/evaluation/best", times, best, ["best so far"], {"colors": orange})
     if recording.topics.get("/design"):
         _log_design(stream, recording, name)
 
@@ -110,20 +114,25 @@ def _log_design(stream, recording: Recording, name: str) -> None:
             f"{name}/design/{entity(limb)}",
             _generations(recording, "/design"),
             np.concatenate([sizes[:, indices], lower[:, indices], upper[:, indices]], axis=1),
-            [names[i] for _ in range(3) for i in indices],
+            [_within(limb, names[i]) for _ in range(3) for i in indices],
             {
                 "colors": np.concatenate([colors, colors // 2, colors // 2]),
                 "widths": [2.5] * len(indices) + [0.8] * 2 * len(indices),
             },
         )
-    original = Robot(body.urdf(np.ones(body.design.size)), body.rest_pose, GRAY)
-    original.log(stream, f"{name}/figure/original", ORIGINAL_AT, static=True)
+    original = Robot(body.urdf(np.ones(body.design.size)), body.rest_pose)
+    log_robot(stream, original, f"{name}/figure/original", ORIGINAL_AT, ORIGINAL_COLOR)
     generations = recording.array("/design", "generation").tolist()
     for i in np.unique(np.linspace(0, len(sizes) - 1, MAX_FIGURES).round().astype(int)):
         stream.set_time(GENERATION, sequence=generations[i])
         robot = Robot(body.urdf(sizes[i] / body.design.originals), body.rest_pose)
-        robot.log(stream, f"{name}/figure/mean", (0, 0, 0))
+        log_robot(stream, robot, f"{name}/figure/mean", (0, 0, 0))
     stream.reset_time()
+
+
+def _within(limb: str, name: str) -> str:
+    """A dimension's name in its limb's plot: "top width" of "top leg 1 width"."""
+    return " ".join(name.replace(limb, "").split()) or name
 
 
 def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
@@ -141,7 +150,7 @@ def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> 
         paths[part] = path = f"{paths[parent]}/{entity(part)}"
         columns = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
         stream.send_columns(path, times, columns)
-        robot.log_shapes(stream, part, path, static=True)
+        log_part(stream, robot.shapes[part], path, static=True)
         if parent == "world":
             columns = rr.Transform3D.columns(translation=_smooth_height(positions))
             stream.send_columns(f"{world}/follow", times, columns)
@@ -186,7 +195,7 @@ def _log_lidar(stream: rr.RecordingStream, recording: Recording, path: str) -> N
     x, z, end_x, end_z = (
         recording.array("/lidar", field) for field in ("origin_x", "origin_z", "end_x", "end_z")
     )
-    rays = np.full((*end_x.shape, 2, 3), -GROUND_HALF_WIDTH)  # y: in front of the body
+    rays = np.zeros((*end_x.shape, 2, 3))  # y: in the body's plane, as its feet are
     rays[:, :, 0, 0], rays[:, :, 0, 2] = x[:, None], z[:, None]
     rays[:, :, 1, 0], rays[:, :, 1, 2] = end_x, end_z
     columns = rr.LineStrips3D.columns(strips=rays.reshape(-1, 2, 3))

@@ -1,109 +1,50 @@
-"""Solid things: robots from their URDF text, terrain, a flat floor."""
-
-import xml.etree.ElementTree as ElementTree
+"""Solid things: robots, terrain, a flat floor."""
 
 import numpy as np
 import rerun as rr
 
 from designrl.bodies import GROUND_COLOR, GROUND_HALF_WIDTH, OBSTACLE_COLOR
+from designrl.bodies.robot import Robot, Shape
 from designrl.viewer.layout import entity
 
 SOLID = rr.components.FillMode.Solid
 GRID_COLOR = (90, 150, 78)
 EDGE_COLOR = (50, 96, 42)
-MAX_URDF = 2**20  # characters; ours have some 20,000
 MAX_FLOOR = 500.0  # m from the origin, where a floor ends at the latest
 
 
-class Robot:
-    """A URDF robot made of boxes, cylinders and spheres, as far as it takes to draw it.
+def log_robot(stream: rr.RecordingStream, robot: Robot, path: str, at, color=None) -> None:
+    """Log a robot in its pose, with its root at `at` (3,) in m.
 
     Args:
-        text: the URDF.
-        pose: joint -> rad; joints that are not named are in mid-range.
-        color: of all of it, instead of its own.
-
-    Attributes:
-        shapes: link -> kind -> what to draw.
-        joints: child -> parent, place in the parent's frame, axis, angle.
+        color: of all of it, instead of its own; such a robot does not change with time.
     """
-
-    def __init__(self, text: str, pose: dict[str, float] | None = None, color=None):
-        if len(text) > MAX_URDF:
-            raise ValueError("the description of the robot is too long")
-        root = ElementTree.fromstring(text)
-        self.shapes = {link.get("name"): self._shapes(link, color) for link in root.findall("link")}
-        self.joints = {
-            joint.find("child").get("link"): self._joint(joint, pose or {})
-            for joint in root.findall("joint")
-        }
-
-    @staticmethod
-    def _shapes(link, color) -> dict[str, rr.AsComponents]:
-        kinds: dict[str, list] = {}
-        for visual in link.findall("visual"):
-            shape, origin = visual.find("geometry")[0], visual.find("origin")
-            rgba = color or 255 * _floats(visual.find("material/color"), "rgba")
-            sizes = np.concatenate([_floats(shape, key) for key in shape.attrib])
-            row = sizes, _floats(origin, "xyz"), _quaternion(*_floats(origin, "rpy"))
-            kinds.setdefault(shape.tag, []).append((*row, np.round(rgba).astype(np.uint8)))
-        return {
-            kind: _solid(kind, *map(np.array, zip(*rows, strict=True)))
-            for kind, rows in kinds.items()
-        }
-
-    @staticmethod
-    def _joint(joint, pose: dict[str, float]) -> tuple[str, np.ndarray, np.ndarray, float]:
-        place, axis, limit = _floats(joint.find("origin"), "xyz"), np.array([0, 0, 1.0]), (0.0, 0.0)
-        if joint.get("type") == "revolute":
-            axis = _floats(joint.find("axis"), "xyz")
-            limit = [float(joint.find("limit").get(side)) for side in ("lower", "upper")]
-        angle = pose.get(joint.get("name"), sum(limit) / 2)
-        return joint.find("parent").get("link"), place, axis, angle
-
-    def log(self, stream: rr.RecordingStream, path: str, at, static: bool = False) -> None:
-        """Log the robot in its pose, with its root at `at` (3,) in m."""
-        paths = {"world": path}
-        for part, (parent, place, axis, angle) in self.joints.items():
-            paths[part] = f"{paths[parent]}/{entity(part)}"
-            pose = rr.Transform3D(
-                translation=at if parent == "world" else place,
-                rotation=rr.RotationAxisAngle(axis=axis, radians=angle),
-            )
-            stream.log(paths[part], pose, static=static)
-            self.log_shapes(stream, part, paths[part], static)
-
-    def log_shapes(self, stream: rr.RecordingStream, part: str, path: str, static: bool) -> None:
-        """Log what is to be drawn of a part under its entity."""
-        for kind, shape in self.shapes[part].items():
-            stream.log(f"{path}/{kind}", shape, static=static)
-
-
-def _floats(element, key: str) -> np.ndarray:
-    return np.array([float(value) for value in element.get(key).split()])
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """x, y, z, w of URDF's angles: about x, then y, then z, all fixed."""
-    (sr, sp, sy), (cr, cp, cy) = (f(np.array([roll, pitch, yaw]) / 2) for f in (np.sin, np.cos))
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
-
-
-def _solid(kind: str, sizes, centers, quaternions, colors) -> rr.AsComponents:
-    solid = {"colors": colors, "fill_mode": SOLID}
-    if kind == "box":
-        return rr.Boxes3D(sizes=sizes, centers=centers, quaternions=quaternions, **solid)
-    if kind == "cylinder":
-        radii, lengths = sizes.T
-        return rr.Cylinders3D(
-            radii=radii, lengths=lengths, centers=centers, quaternions=quaternions, **solid
+    paths = {"world": path}
+    for part, joint in robot.joints.items():
+        paths[part] = f"{paths[joint.parent]}/{entity(part)}"
+        pose = rr.Transform3D(
+            translation=at if joint.parent == "world" else joint.xyz,
+            rotation=rr.RotationAxisAngle(axis=joint.axis, radians=joint.angle),
         )
-    return rr.Ellipsoids3D(radii=sizes[:, 0], centers=centers, **solid)
+        stream.log(paths[part], pose, static=color is not None)
+        log_part(stream, robot.shapes[part], paths[part], color is not None, color)
+
+
+def log_part(stream, shapes: list[Shape], path: str, static: bool, color=None) -> None:
+    """Log the shapes of a part under its entity."""
+    for kind in dict.fromkeys(shape.kind for shape in shapes):
+        _, sizes, centers, quaternions, colors = map(
+            np.array, zip(*(shape for shape in shapes if shape.kind == kind), strict=True)
+        )
+        solid = {"colors": color or colors, "fill_mode": SOLID, "centers": centers}
+        if kind == "box":
+            drawn = rr.Boxes3D(sizes=sizes, quaternions=quaternions, **solid)
+        elif kind == "cylinder":
+            radii, lengths = sizes.T
+            drawn = rr.Cylinders3D(radii=radii, lengths=lengths, quaternions=quaternions, **solid)
+        else:
+            drawn = rr.Ellipsoids3D(radii=sizes[:, 0], **solid)
+        stream.log(f"{path}/{kind}", drawn, static=static)
 
 
 def log_floor(stream: rr.RecordingStream, course: np.ndarray, world: str) -> None:

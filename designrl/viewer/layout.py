@@ -1,16 +1,22 @@
 """What goes where on the screen: a Rerun blueprint for a set of recordings."""
 
+import json
+import math
+
 import rerun as rr
 import rerun.blueprint as rrb
 
-from designrl.bodies import Body
+from designrl.bodies import SKY_COLOR, Body
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
 from designrl.recording import Recording
 
 GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
-PLOT_SECONDS = 3.0  # to either side of the cursor
-SKY = (215, 215, 255)  # Gymnasium's
+RUN_SECONDS = 30.0  # s of a viewer's time to play a whole run
+NEAR_CURSOR = (-4.0, 1.0, 3.5)  # s from the cursor: first and last data shown, end of the axis
+# Left free beside a plot's data, for its legend, as a share of the data: wide plots, narrow ones.
+WIDE, NARROW = 0.25, 0.55
+LEGEND = rrb.Corner2D.RightTop  # there
 
 
 def entity(*names: str) -> str:
@@ -34,39 +40,68 @@ def body_of(recording: Recording) -> Body:
         ) from None
 
 
-def blueprint(recordings: list[Recording], names: list[str]) -> rrb.Blueprint:
-    """The layout: a tab per recording; the timeline is that of the first one.
+def blueprint(
+    recordings: list[Recording], names: list[str], for_picture: bool = False
+) -> rrb.Blueprint:
+    """The layout: a tab per recording; the timeline is that of the first one, and plays.
 
     Args:
         names: of the recordings, each the root of its entities.
+        for_picture: without the viewer's own bar at the top.
 
     Raises:
         InputError: a recording that is not ours, or of an unknown body.
     """
     makers = {"run": run_layout, "rollout": rollout_layout}
-    tabs = []
-    for recording, name in zip(recordings, names, strict=True):
+    for recording in recordings:
         if recording.kind not in makers:
             raise InputError(f"{recording.path} is not a recording of designrl; name one of those")
-        tabs.append(makers[recording.kind](recording, name))
-    first_is_run = recordings[0].kind == "run"
+    titles = tab_titles(recordings)
+    tabs = [makers[r.kind](r, *about) for r, *about in zip(recordings, names, titles, strict=True)]
+    first = recordings[0]
+    panel = {"timeline": TIME}
+    if first.kind == "run":
+        panel = {"timeline": GENERATION, "fps": max(1.0, last_generation(first) / RUN_SECONDS)}
     return rrb.Blueprint(
         tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline=GENERATION if first_is_run else TIME,
-            play_state="following" if first_is_run else "playing",
-        ),
+        rrb.TimePanel(state="collapsed", play_state="playing", loop_mode="all", **panel),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
+        rrb.TopPanel(state="hidden" if for_picture else "expanded"),
     )
 
 
-def rollout_layout(recording: Recording, title: str) -> rrb.Container:
+def tab_titles(recordings: list[Recording]) -> list[str]:
+    """Experiment, seed and generation of each; of one run's, only the first names the run."""
+    titles, before = [], None
+    for recording in recordings:
+        run, generation = origin(recording)
+        named = run != before or not generation
+        titles.append(", ".join(filter(None, (run if named else "", generation))))
+        before = run
+    return titles
+
+
+def origin(recording: Recording) -> tuple[str, str]:
+    """Experiment and seed of the run, and the generation, where the recording knows them."""
+    about = recording.metadata
+    agent = about if recording.kind == "run" else json.loads(about.get("agent", "{}"))
+    seed, generation = (agent.get(key) for key in ("seed", "generation"))
+    run = str(about.get("experiment")) + (f" seed {seed}" if seed is not None else "")
+    is_rollout = recording.kind == "rollout" and generation is not None
+    return run, f"generation {generation}" if is_rollout else ""
+
+
+def last_generation(recording: Recording) -> int:
+    """Index of a run's last generation; 0 without one."""
+    return int(recording.generations.max(initial=0))
+
+
+def rollout_layout(recording: Recording, name: str, title: str) -> rrb.Container:
     """The body from its side, and below it what it gets, does and feels."""
-    name = entity(title)
+    root = entity(name)
     plots = [
-        _plot(about, f"{name}{topic}", seconds=PLOT_SECONDS)
+        _plot_near_cursor(about, f"{root}{topic}")
         for topic, about in (
             ("/reward", "reward terms, points per step"),
             ("/action", "actions"),
@@ -74,37 +109,59 @@ def rollout_layout(recording: Recording, title: str) -> rrb.Container:
         )
         if recording.topics.get(topic)
     ]
+    about = ", ".join(filter(None, origin(recording)))
+    if score := recording.metadata.get("score"):
+        about += f": {float(score):.1f} points"
     eye = body_of(recording).rollout_eye
     return rrb.Vertical(
-        _scene("body", f"{name}/world/follow", f"{name}/world/**", eye),
-        rrb.Horizontal(_plot("score", f"{name}/score"), *plots),
+        _scene(about, f"{root}/world/follow", f"{root}/world/**", eye),
+        rrb.Horizontal(_plot("score", f"{root}/score", _whole(recording.seconds, NARROW)), *plots),
         row_shares=[2, 1],
         name=title,
     )
 
 
-def run_layout(recording: Recording, title: str) -> rrb.Container:
-    """Learning curve and sigma; the design's dimensions and the body that they make."""
-    name = entity(title)
-    learning = rrb.Vertical(
-        _plot("return: population mean ± 2 sd, best, evaluations", f"{name}/learning"),
-        _plot("sigma: mean, smallest, largest parameter", f"{name}/sigma"),
-        row_shares=[2, 1],
-    )
+def run_layout(recording: Recording, name: str, title: str) -> rrb.Container:
+    """Learning curves and sigma; the design's dimensions and the body that they make."""
+    root, end = entity(name), last_generation(recording)
+    axis = _whole(end, WIDE)
+    training = ", ".join(training_changes(recording)) or "the environment's own"
+    learning = [
+        _plot("score of evaluated agents, points", f"{root}/evaluation", axis),
+        _plot(f"population's return in training ({training})", f"{root}/population", axis),
+        _plot("sigma of the parameters", f"{root}/sigma", axis),
+    ]
+    if not recording.topics.get("/evaluation"):
+        del learning[0]
+    curves = rrb.Vertical(*learning, row_shares=[2] * (len(learning) - 1) + [1], name=title)
     if not recording.topics.get("/design"):
-        return rrb.Vertical(learning, name=title)
+        return curves
     body, unit = body_of(recording), recording.unit("/design")
     plots = [
-        _plot(f"{limb}, {unit} ± sigma", f"{name}/design/{entity(limb)}") for limb in body.limbs
+        _plot(f"{limb}, {unit} ± sigma", f"{root}/design/{entity(limb)}", _whole(end, NARROW))
+        for limb in body.limbs
     ]
-    figure = f"{name}/figure"
-    title_of_view = "body at the mean design; gray: original"
-    view = _scene(title_of_view, figure, f"{figure}/**", body.design_eye)
+    figure = f"{root}/figure"
+    about = "body at the mean design; gray: original"
+    view = _scene(about, figure, f"{figure}/**", body.design_eye)
+    columns = min(2, len(plots))
+    shares = [2, 2 * math.ceil(len(plots) / columns)]
     return rrb.Horizontal(
-        learning,
-        rrb.Vertical(view, rrb.Grid(*plots, grid_columns=min(2, len(plots))), row_shares=[1, 1]),
+        curves,
+        rrb.Vertical(view, rrb.Grid(*plots, grid_columns=columns), row_shares=shares),
         name=title,
     )
+
+
+def training_changes(recording: Recording) -> list[str]:
+    """What a run's training changes of the environment's rewards, in words."""
+    experiment = get_experiment(recording.metadata["experiment"])
+    words = [name.replace("_", " ") for name in experiment.training_kwargs]
+    settings = json.loads(recording.metadata.get("settings", "{}"))
+    if (shaping := experiment.shaping) and settings.get("shaped_rewards", True):
+        words.append(f"a {shaping.free_term} costs nothing")
+        words.append(f"over {shaping.solved_return:g} earns {shaping.solved_bonus:g} more")
+    return words
 
 
 def _scene(title: str, origin: str, contents: str, eye) -> rrb.Spatial3DView:
@@ -113,18 +170,32 @@ def _scene(title: str, origin: str, contents: str, eye) -> rrb.Spatial3DView:
         name=title,
         origin=origin,
         contents=contents,
-        background=SKY,
+        background=SKY_COLOR,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1)),
     )
 
 
-def _plot(title: str, origin: str, seconds: float | None = None) -> rrb.TimeSeriesView:
-    """A plot of everything, or of some seconds to either side of the cursor."""
-    axis = None
-    if seconds:
-        cursor = rrb.TimeRangeBoundary.cursor_relative
-        view = rrb.TimeRange(start=cursor(seconds=-seconds), end=cursor(seconds=seconds))
-        axis = rrb.TimeAxis(view_range=view)
-    legend = rrb.Corner2D.LeftTop
-    return rrb.TimeSeriesView(name=title, origin=origin, plot_legend=legend, axis_x=axis)
+def _plot(title: str, origin: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(name=title, origin=origin, plot_legend=LEGEND, axis_x=axis)
+
+
+def _plot_near_cursor(title: str, origin: str) -> rrb.TimeSeriesView:
+    at = rrb.TimeRangeBoundary.cursor_relative
+    before, after, end = (at(seconds=seconds) for seconds in NEAR_CURSOR)
+    return rrb.TimeSeriesView(
+        name=title,
+        origin=origin,
+        plot_legend=LEGEND,
+        axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=before, end=end)),
+        time_ranges=rrb.VisibleTimeRange(TIME, start=before, end=after),
+    )
+
+
+def _whole(end: float, room: float) -> rrb.TimeAxis:
+    """From the start to `end` (generations if an integer, else s), and room beside it."""
+    at = rrb.TimeRangeBoundary.absolute
+    stop = max(end, 1) * (1 + room)
+    stop = at(seq=math.ceil(stop)) if isinstance(end, int) else at(seconds=stop)
+    start = at(seq=0) if isinstance(end, int) else at(seconds=0)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=stop))

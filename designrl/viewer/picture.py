@@ -1,6 +1,7 @@
 """A picture of Rerun's own viewer, without a window."""
 
 import contextlib
+import io
 import re
 import socket
 import subprocess
@@ -9,14 +10,14 @@ import time
 from pathlib import Path
 
 import rerun_cli
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 from designrl.errors import InputError
-from designrl.viewer.layout import TIME
 
 # `rerun` in an environment is a script that starts this one and waits.
 EXECUTABLE = Path(rerun_cli.__file__).with_name("rerun")
-WINDOW_SIZE = "1600x1000"  # pixels
+WINDOW_SIZE, BAR_HEIGHT = "1600x1000", 36  # pixels
 START_SECONDS = 30.0  # that a viewer without window may take to start
 NOTICES_SECONDS = 6.0  # at least, until the viewer's own notices are gone from a picture
 STILL_SECONDS = 60.0  # at most, until two pictures in a row are the same
@@ -27,8 +28,8 @@ NO_DRIVER = (
 )
 
 
-def take_picture(rrd: Path, at: float | None = None) -> bytes:
-    """The picture (PNG) of a viewer that shows an .rrd file; of a rollout, at s of its time.
+def take_picture(rrd: Path, timeline: str, at: int | float) -> bytes:
+    """The picture (PNG) of a viewer that shows an .rrd file, at a generation or s of a timeline.
 
     Raises:
         InputError: there is no graphics driver, not even a software one.
@@ -44,9 +45,9 @@ def take_picture(rrd: Path, at: float | None = None) -> bytes:
     ):
         try:
             viewer = _connect(process, f"rerun+http://127.0.0.1:{port}/proxy")
-            if at is not None:
-                viewer.set_time(TIME, duration=at, play_state="paused")
-            return _still_picture(viewer)
+            place = {"sequence" if isinstance(at, int) else "duration": at}
+            viewer.set_time(timeline, play_state="paused", **place)
+            return _without_bar(_still_picture(viewer))
         except RuntimeError as error:
             log.seek(0)
             no_driver = re.search(NO_DRIVER_MESSAGE.encode(), log.read())
@@ -66,6 +67,13 @@ def _still_picture(viewer: ViewerClient) -> bytes:
             return picture
         last = picture
         time.sleep(0.5)
+
+
+def _without_bar(picture: bytes) -> bytes:
+    """The picture without the strip at the top that the layout's hidden bar leaves."""
+    image, data = Image.open(io.BytesIO(picture)), io.BytesIO()
+    image.crop((0, BAR_HEIGHT, *image.size)).save(data, "PNG", optimize=True)
+    return data.getvalue()
 
 
 def _connect(process: subprocess.Popen, url: str) -> ViewerClient:

@@ -1,0 +1,227 @@
+"""Videos of a rollout, and of how body and gait came about over a run: .mp4, .gif or .webp.
+
+record_video(agent, "walk.mp4", seed=0)
+evolution_video("runs/biped-morphology/seed0", "evolution.mp4")
+"""
+
+import io
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from designrl.errors import InputError
+from designrl.experiments import get_experiment
+from designrl.files import write_atomically
+from designrl.policy import Agent
+from designrl.recording import Recording, read
+
+SUFFIXES = (".mp4", ".gif", ".webp")
+EVERY = 2  # steps from one picture to the next
+STAGES, STAGE_SECONDS = 10, 6.0  # of an evolution: agents shown, and s of each at most
+BAR, INK, PAPER, MARK = (
+    0.065,
+    (35, 35, 45),
+    (245, 245, 250),
+    (213, 94, 0),
+)  # height by width; colors
+
+
+def check_target(path: str | Path) -> None:
+    """Raise InputError where no video can be written under that name, before any work is done."""
+    suffix = Path(path).suffix
+    if suffix not in SUFFIXES:
+        raise InputError(f"{path} is no video; give it a name in {', '.join(SUFFIXES)}")
+    if Path(path).exists():
+        raise InputError(f"{path} exists already; remove it or choose another name")
+    if suffix == ".mp4":
+        _av()
+
+
+def record_video(agent: Agent, path: str | Path, seed: int) -> float:
+    """Film one episode in real time.
+
+    Args:
+        path: the file to write.
+        seed: of the environment and of the policy's noise.
+
+    Returns: the score.
+
+    Raises:
+        InputError: another suffix than SUFFIXES, a file that exists or cannot be written, or no
+            PyAV for an .mp4.
+    """
+    check_target(path)
+    score = 0.0
+
+    def frames() -> Iterator[Image.Image]:
+        nonlocal score
+        for picture, seconds, score in film(agent, seed):  # noqa: B007 (the last one is returned)
+            yield captioned(picture, name_of(agent), f"{seconds:.1f} s: {score:.1f} points")
+
+    write_video(path, frames(), agent)
+    return score
+
+
+def evolution_video(
+    run: str | Path, path: str | Path, progress: Callable[[int], None] = lambda count: None
+) -> None:
+    """Film the means of a run's search distribution, from its first generation to its last.
+
+    The stages divide the way that generations and scores have gone into equal parts. Each is an
+    episode of the same seed, up to STAGE_SECONDS of it.
+
+    Args:
+        run: its folder, or its recording.
+        path: the file to write.
+        progress: called with 1 after each of the STAGES.
+
+    Raises:
+        InputError: as `record_video`, or no run with recorded distributions.
+    """
+    check_target(path)
+    run = Path(run)
+    recording = read(run / "generations.mcap" if run.is_dir() else run)
+    if recording.kind != "run" or not recording.topics.get("/distribution"):
+        raise InputError(f"{recording.path} holds no distributions of a run; name a run's folder")
+    experiment = get_experiment(recording.metadata["experiment"])
+    held = recording.array("/distribution", "generation")
+    parameters = recording.array("/distribution", "mu")
+    generations, scores = _curve(recording)
+    title = f"{experiment.name} seed {recording.metadata.get('seed', '?')}"
+    agents = [
+        (held[i], Agent(experiment, parameters[i])) for i in _stages(held, generations, scores)
+    ]
+
+    def frames() -> Iterator[Image.Image]:
+        for generation, agent in agents:
+            for picture, seconds, score in film(agent, seed=0):
+                if seconds > STAGE_SECONDS:
+                    break
+                about = f"generation {generation}, {seconds:.1f} s: {score:.1f} points"
+                strip = _strip(picture.shape[1], generations, scores, generation)
+                yield _stack(captioned(picture, title, about), strip)
+            progress(1)
+
+    write_video(path, frames(), agents[0][1])
+
+
+def film(agent: Agent, seed: int) -> Iterator[tuple[np.ndarray, float, float]]:
+    """Pictures (H, W, 3) of an episode, at s of its time, with the score so far."""
+    env = gymnasium.make(agent.experiment.env_id, render_mode="rgb_array", disable_env_checker=True)
+    body, score = agent.experiment.body, 0.0
+    try:
+        for step in agent.play(env, seed):
+            score += step.reward
+            if step.t % EVERY == 0 or step.terminated or step.truncated:
+                yield body.picture(env.unwrapped), (step.t + 1) * body.time_step, score
+    finally:
+        env.close()
+
+
+def name_of(agent: Agent) -> str:
+    """Experiment and seed."""
+    seed = agent.metadata.get("seed")
+    return agent.experiment.name + (f" seed {seed}" if seed is not None else "")
+
+
+def captioned(picture, left: str, right: str) -> Image.Image:
+    """A picture under a bar with text at its left and its right end."""
+    picture = picture if isinstance(picture, Image.Image) else Image.fromarray(picture)
+    bar = Image.new("RGB", (picture.width, 2 * round(BAR * picture.width / 2)), INK)
+    draw, middle = ImageDraw.Draw(bar), bar.height / 2
+    size, space = 0.55 * bar.height, bar.height / 4
+    while draw.textlength(left + "  " + right, _font(size)) > bar.width - 2 * space:
+        size *= 0.95
+    draw.text((space, middle), left, PAPER, _font(size), "lm")
+    draw.text((bar.width - space, middle), right, PAPER, _font(size), "rm")
+    return _stack(bar, picture)
+
+
+def _font(size: float) -> ImageFont.FreeTypeFont:
+    return ImageFont.load_default(size)
+
+
+def _stack(above: Image.Image, below: Image.Image) -> Image.Image:
+    image = Image.new("RGB", (above.width, above.height + below.height))
+    image.paste(above, (0, 0))
+    image.paste(below, (0, above.height))
+    return image
+
+
+# -------------------------------------------------------------------------- a run's learning
+
+
+def _curve(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Generations and scores of a run's evaluations; without two of them, of its population."""
+    topic = "/evaluation" if recording.topics.get("/evaluation", 0) > 1 else "/summary"
+    return recording.array(topic, "generation"), recording.array(topic, "mean")
+
+
+def _stages(held: np.ndarray, generations: np.ndarray, scores: np.ndarray) -> np.ndarray:
+    """Which of the held generations to show: STAGES of them or fewer, as indices."""
+    best = np.maximum.accumulate(np.interp(held, generations, scores))
+    way = [values - values[0] for values in (held.astype(float), best)]
+    way = sum(values / max(values[-1], 1e-9) for values in way)
+    marks = np.linspace(0, way[-1], STAGES)
+    return np.unique(np.abs(way - marks[:, None]).argmin(axis=1))
+
+
+def _strip(width: int, generations, scores, now: int) -> Image.Image:
+    """The learning curve as a strip, with a mark at a generation."""
+    height, edge = width // 8, 10
+    image = Image.new("RGB", (width, height), PAPER)
+    draw = ImageDraw.Draw(image)
+    low, high = scores.min(), max(scores.max(), scores.min() + 1e-9)
+
+    def place(generation, score) -> tuple[float, float]:
+        x = edge + (width - 2 * edge) * generation / max(1, generations[-1])
+        return float(x), float(height - edge - (height - 2 * edge) * (score - low) / (high - low))
+
+    line = [place(g, s) for g, s in zip(generations.tolist(), scores.tolist(), strict=True)]
+    draw.line(line, INK, 2)
+    x, y = place(min(now, generations[-1]), np.interp(now, generations, scores))
+    draw.line([(x, 0), (x, height)], MARK, 1)
+    draw.ellipse([x - 5, y - 5, x + 5, y + 5], MARK)
+    return image
+
+
+# ------------------------------------------------------------------------------------ files
+
+
+def write_video(path: str | Path, frames: Iterable[Image.Image], agent: Agent) -> None:
+    """Write pictures of every EVERY-th step as a video in real time; .gif and .webp loop."""
+    seconds = EVERY * agent.experiment.body.time_step
+    data = io.BytesIO()
+    if Path(path).suffix == ".mp4":
+        _write_mp4(data, frames, seconds)
+    else:
+        rest = iter(frames)
+        first = next(rest)
+        how = {"loop": 0, "duration": round(1000 * seconds), "quality": 40, "method": 4}
+        kind = Path(path).suffix[1:].upper()
+        first.save(data, kind, save_all=True, append_images=rest, **how)
+    write_atomically(path, data.getvalue())
+
+
+def _write_mp4(data: io.BytesIO, frames: Iterable[Image.Image], seconds: float) -> None:
+    av, stream = _av(), None
+    with av.open(data, "w", format="mp4") as container:
+        for image in frames:
+            if stream is None:
+                stream = container.add_stream("libx264", rate=round(1 / seconds))
+                stream.width, stream.height, stream.pix_fmt = *image.size, "yuv420p"
+            container.mux(stream.encode(av.VideoFrame.from_image(image)))
+        container.mux(stream.encode())
+
+
+def _av():
+    try:
+        import av
+    except ImportError:
+        raise InputError(
+            "an .mp4 needs PyAV (pip install av); a .gif or .webp needs nothing more"
+        ) from None
+    return av
