@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import errno
 import importlib
 import json
 import os
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
-from designrl.files import read_limited
+from designrl.files import is_locked, read_limited
 from designrl.provenance import VERSION
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
@@ -78,7 +79,9 @@ def settings_of(args) -> TrainSettings:
 def _train(args) -> None:
     settings = settings_of(args)
     out = Path(args.out or f"runs/{settings.experiment}/seed{settings.seed}")
-    from designrl.train import TrainingRun  # takes seconds, and wrong settings are known by now
+    if not args.dry_run and is_locked(out / ".lock"):
+        raise InputError(f"{out} is in use by another run; wait for it, or choose another --out")
+    from designrl.train import TrainingRun  # takes seconds, and so much is known by now
 
     run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
     if run.finished:
@@ -141,21 +144,29 @@ def _evaluate(args) -> None:
     print(
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
-        f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"
+        f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
     )
 
 
 def _import(args) -> None:
-    from designrl.checkpoint import load_published, save
+    from designrl.checkpoint import fitting, load_published, save
 
     _require_new(args.output)
-    save(load_published(args.file, get_experiment(args.experiment)), args.output)
-    print(printable(f"{args.output} written"))
+    agent = load_published(args.file, get_experiment(args.experiment))
+    save(agent, args.output)
+    others = [name for name in fitting(len(agent.parameters)) if name != args.experiment]
+    doubt = "; by its size the file could as well be of " + " or ".join(others) if others else ""
+    print(printable(f"{args.output} written, as {args.experiment}{doubt}"))
 
 
 def _require_new(path: str) -> None:
     if os.path.lexists(path):  # a link that leads nowhere is something, too
         raise InputError(f"{path} exists already; remove it or choose another name")
+
+
+def _require_suffix(path: str, suffix: str) -> None:
+    if Path(path).suffix != suffix:
+        raise InputError(f"{path} would not be opened as what it is; give it a name in {suffix}")
 
 
 def _record(args) -> None:
@@ -169,8 +180,7 @@ def _record(args) -> None:
     check_episodes(args.episode + 1, args.seed)
     if args.output:
         _require_new(args.output)
-        if Path(args.output).suffix != ".mcap":
-            raise InputError(f"{args.output} would not be opened by Rerun; give it a name in .mcap")
+        _require_suffix(args.output, ".mcap")
     if args.video:
         from designrl.video import check_target, record_video
 
@@ -192,6 +202,9 @@ def _replay(args) -> None:
     if args.video:
         _film(args)
         return
+    for path, suffix in ((args.save, ".rrd"), (args.headless_screenshot, ".png")):
+        if path:
+            _require_suffix(path, suffix)
     from designrl.viewer import replay
     from designrl.viewer.web import ADDRESS, PORT
 
@@ -218,13 +231,28 @@ def _film(args) -> None:
 
 
 def _info(args) -> None:
+    from designrl.checkpoint import find
+
+    inside = (Path(args.file) / name for name in ("best.safetensors", "generations.mcap"))
+    for path in [path for path in inside if path.exists()] or [find(args.file)]:
+        _describe(path)
+
+
+def _describe(path: Path) -> None:
     from mcap.writer import MCAP0_MAGIC
 
-    if args.file.endswith(".mcap") or read_limited(args.file, 8).startswith(MCAP0_MAGIC):
+    if path.suffix == ".mcap" or read_limited(path, 8).startswith(MCAP0_MAGIC):
         from designrl.recording import describe
     else:
         from designrl.checkpoint import describe
-    print(describe(args.file))
+    print(describe(path))
+
+
+def _checkpoints(_args) -> None:
+    from designrl.checkpoint import published_agents
+
+    for name, score in published_agents().items():
+        print(f"{name:44} {score}")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -296,7 +324,10 @@ def parser() -> argparse.ArgumentParser:
     )
 
     def agent_file(sub) -> None:
-        sub.add_argument("file", metavar="FILE", help="a checkpoint, or a 2018 .json")
+        about = (
+            "a checkpoint, a run's folder, one that `designrl checkpoints` lists, or a 2018 .json"
+        )
+        sub.add_argument("file", metavar="FILE", help=about)
         sub.add_argument("--experiment", help="what a 2018 .json was trained for")
         sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
 
@@ -349,8 +380,10 @@ def parser() -> argparse.ArgumentParser:
         "--port", type=int, metavar="N", help="of --web, which takes N and N + 1 (default: 9090)"
     )
 
-    info = command("info", _info, "tell what a checkpoint or recording holds")
+    info = command("info", _info, "tell what a checkpoint, a recording or a run's folder holds")
     info.add_argument("file", metavar="FILE")
+
+    command("checkpoints", _checkpoints, "list the published agents and their scores")
     return top
 
 
@@ -368,7 +401,17 @@ def main(argv: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
     except BrokenPipeError:  # `designrl ... | head`: the reader has left
-        for stream in (sys.stdout, sys.stderr):  # Python flushes them once more
-            with suppress(OSError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        _silence(sys.stdout, sys.stderr)
         sys.exit(EXIT_PIPE)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        _silence(sys.stdout)
+        remark("designrl: the output cannot be written (no space left); send it elsewhere")
+        sys.exit(EXIT_INPUT)
+
+
+def _silence(*streams) -> None:
+    for stream in streams:  # Python flushes them once more
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -15,6 +15,7 @@ _KINDS = {  # of a setting: what it may be, and what that is called
     float: (Real, "a number"),
     str: (str, "a text"),
 }
+ADAM_ALONE = ("sigma_learning_rate", "sigma_change_max", "sigma_decay")  # not in the plain form
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
 
@@ -66,6 +67,13 @@ class ReinforceSettings:
                 raise InputError(f"{name.replace('_', '-')} is {value!r}; it must be {words}")
             if hasattr(value, "item"):  # NumPy's numbers are no JSON
                 object.__setattr__(self, name, value.item())
+        for name in () if self.adam else ADAM_ALONE:
+            unset = getattr(ReinforceSettings, name), PLAIN_CHANGES.get(name)
+            if getattr(self, name) not in unset:
+                words = name.replace("_", "-")
+                raise InputError(
+                    f"{words} is part of the published rule; leave it out, or use adam"
+                )
 
     def learning_rate_at(self, generation: int) -> float:
         """The step size of an update, counted from 0."""
