@@ -125,7 +125,10 @@ def _evaluate(args) -> None:
 
     from designrl.checkpoint import load
     from designrl.evaluation import evaluate
+    from designrl.recording.table import check_target, write_table
 
+    if args.output:
+        check_target(args.output)
     agent = load(args.file, args.experiment)
     with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
         result = evaluate(
@@ -138,6 +141,8 @@ def _evaluate(args) -> None:
             **({"lidar": args.lidar} if args.lidar else {}),
         )
     summary = result.summary()
+    if args.output:
+        write_table(result.table(), args.output)
     if args.json:
         print(json.dumps(summary))
         return
@@ -248,6 +253,16 @@ def _describe(path: Path) -> None:
     print(describe(path))
 
 
+def _export(args) -> None:
+    from designrl.recording.table import check_target, table, write_table
+
+    check_target(args.output)
+    columns = table(args.file, args.episodes)
+    write_table(columns, args.output)
+    rows = len(next(iter(columns.values())))
+    print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns"))
+
+
 def _checkpoints(_args) -> None:
     from designrl.checkpoint import published_agents
 
@@ -335,6 +350,9 @@ def parser() -> argparse.ArgumentParser:
     agent_file(evaluate)
     evaluate.add_argument("--episodes", type=int, default=100, help="default: 100, as the paper")
     evaluate.add_argument("--json", action="store_true", help="print one JSON object")
+    evaluate.add_argument(
+        "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
+    )
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     workers(evaluate, evaluate)
 
@@ -378,6 +396,14 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--bind", metavar="ADDRESS", help="of --web (default: 127.0.0.1)")
     replay.add_argument(
         "--port", type=int, metavar="N", help="of --web, which takes N and N + 1 (default: 9090)"
+    )
+
+    export = command("export", _export, "write a recording's numbers as a table")
+    about = "a recording, or a run's folder: by generation learning curve, evaluations and body"
+    export.add_argument("file", metavar="FILE", help=about)
+    export.add_argument("-o", "--output", required=True, metavar="FILE.csv", help="also .parquet")
+    export.add_argument(
+        "--episodes", action="store_true", help="of a run, each episode of its evaluations instead"
     )
 
     info = command("info", _info, "tell what a checkpoint, a recording or a run's folder holds")

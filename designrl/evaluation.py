@@ -55,6 +55,16 @@ class Evaluation:
             "backend": self.backend,
         }
 
+    def table(self) -> dict[str, np.ndarray]:
+        """The episodes as columns (E,), for `designrl.recording.write_table` or pandas."""
+        count = len(self.scores)
+        return {
+            "episode": np.arange(count),
+            "seed": episode_seeds(self.seed, count),
+            "score": self.scores,
+            "length": self.steps,
+        }
+
 
 def episode_seeds(seed: int, count: int) -> np.ndarray:
     """(count,) int64 seeds of an evaluation's episodes; fewer episodes are the first of more."""
