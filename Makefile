@@ -4,11 +4,15 @@
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
 #   make gallery                     looping pictures of each experiment's best agent
+#   make transfer                    PPO on original and learned bodies (examples/ppo.py), the curves
+#                                    that make reproduce-transfer draws; those there are kept. Hours:
+#                                    make -j2 transfer for two at a time
 #   make zoo                         train and publish every run of Table 3 that is missing
 #   make verify-zoo                  train the first generations of the published runs again
 #   make test                        the test suite
-#   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet; make
-#                                    sanitize-engine: its tests and 300 episodes in a build that
+#   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
+#                                    million steps of vector environments; make sanitize-engine:
+#                                    its tests, 300 episodes and 5,000 steps in a build that
 #                                    watches memory and undefined behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make bench                       speeds as ratios to a named baseline
@@ -24,7 +28,7 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce FORCE gallery zoo verify-zoo verify-engine sanitize-engine verify-resume \
+.PHONY: setup test bench lint reproduce FORCE gallery zoo verify-zoo transfer verify-engine sanitize-engine verify-resume \
   fuzz clean
 
 setup: $(READY)
@@ -64,6 +68,24 @@ reproduce: $(READY)
 reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
 
+FLAT_STEPS ?= 3000000
+HARDCORE_STEPS ?= 4000000
+FLAT_BODY := pretrained/biped-morphology/seed7.safetensors
+HARDCORE_BODY := pretrained/biped-hardcore-morphology/seed15.safetensors
+CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@
+FLAT = $(CURVE) --steps $(FLAT_STEPS)
+HARDCORE = $(CURVE) --hardcore --steps $(HARDCORE_STEPS)
+transfer: $(foreach seed,0 1 2 3 4,$(foreach body,original learned, \
+  $(foreach task,flat hardcore,paper/transfer/$(task)/$(body)/seed$(seed).csv)))
+paper/transfer/flat/original/seed%.csv: | $(READY)
+	$(FLAT)
+paper/transfer/flat/learned/seed%.csv: | $(READY)
+	$(FLAT) --design $(FLAT_BODY)
+paper/transfer/hardcore/original/seed%.csv: | $(READY)
+	$(HARDCORE)
+paper/transfer/hardcore/learned/seed%.csv: | $(READY)
+	$(HARDCORE) --design $(HARDCORE_BODY)
+
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
 
@@ -87,8 +109,8 @@ WATCHED := ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$$($(CXX) -print-file-name=li
 sanitize-engine: $(READY)
 	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)
 	@nm -D $(SANITIZED)/designrl/engine/_native*.so | grep -q __asan_init
-	@cd $(SANITIZED) && $(WATCHED) pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py
-	@cd $(SANITIZED) && $(WATCHED) designrl.engine.verify --episodes $(SANITIZED_EPISODES)
+	@cd $(SANITIZED) && $(WATCHED) pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py $(CURDIR)/tests/test_vector_envs.py
+	@cd $(SANITIZED) && $(WATCHED) designrl.engine.verify --episodes $(SANITIZED_EPISODES) --steps 500
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py

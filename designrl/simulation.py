@@ -32,7 +32,6 @@ BACKENDS = ("engine", "reference")
 # At most, on a busy machine; an episode takes 0.4 s on an idle one.
 START_SECONDS, EPISODE_SECONDS = 120.0, 30.0
 PIECES_PER_WORKER = 8  # of a generation: enough to keep all workers busy to the end of it
-TRIAL_STEPS = 100  # of the episode in which the engine shows that it has the reference's bits
 ENGINE_LANES = 16  # episodes that the engine runs side by side in one thread
 
 
@@ -324,27 +323,7 @@ def engine_reason(experiment: Experiment, network: Network) -> str | None:
         reason = f"the compiled engine has layers of at most {engine.widest_layer()} values"
     if not reason and experiment.shaping not in (None, Shaping()):
         reason = "the compiled engine has the published code's shaped rewards alone"
-    if reason or experiment.env_id not in envs.ENGINE_ON_TRIAL:
-        return reason
-    if experiment.env_id not in _trials:
-        _trials[experiment.env_id] = _try_engine(experiment)
-    return _trials[experiment.env_id]
-
-
-_trials: dict[str, str | None] = {}  # of each environment, once in a process
-
-
-def _try_engine(experiment: Experiment) -> str | None:
-    # Contacts carry a difference in the last bit of anything into the return within a few steps.
-    episodes = Episodes(experiment, experiment.network, {"max_episode_steps": TRIAL_STEPS})
-    candidates = np.random.default_rng(0).standard_normal((1, experiment.num_parameters)) * 0.1
-    runs = [run(episodes, candidates, np.array([[0]])) for run in (run_reference, _run_engine)]
-    if all(np.array_equal(a, b) for a, b in zip(*runs, strict=True)):
-        return None
-    return (
-        f"the compiled engine's {experiment.env_id} is not the reference's to the bit with what is "
-        "installed here (it was written for PyBullet 3.2.7 on glibc)"
-    )
+    return reason or envs.engine_reason(experiment.env_id)
 
 
 def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
@@ -355,12 +334,8 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
     """
     if engine_reason(episodes.experiment, episodes.network):
         return run_reference(episodes, candidates, seeds)
-    return _run_engine(episodes, candidates, seeds, **options)
-
-
-def _run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
     experiment, network = episodes.experiment, episodes.network
-    task, reward_factors = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
+    task, reward_factor = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
     own, rest = np.split(candidates, [network.num_parameters], axis=1)
     weights, log_stds = np.split(own, [network.num_weights], axis=1)
     scales = np.ones((len(seeds), experiment.body.design.size))
@@ -371,7 +346,7 @@ def _run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, *
         network.sizes,
         weights,
         scales,
-        reward_factors(scales),
+        reward_factor(scales) if reward_factor else np.ones(len(scales)),
         seeds,
         output_tanh=network.output == "tanh",
         time_scale=network.time_scale,

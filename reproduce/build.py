@@ -29,6 +29,7 @@ from reproduce import drawing, scores
 ITEMS = (
     *("table1", "table2", "table3", "table4", "statistics"),
     *("figure1", "figure2", "figure3", "figure4", "figure5", "figure6", "figure7"),
+    "transfer",
     *("readme", "report"),  # last: they show the others
 )
 # People write in the first, git does not keep the second: neither belongs to a committed manifest.

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from designrl import engine, simulation
+from designrl import engine, envs, simulation
 from designrl.bodies.ant import ANT
 from designrl.engine import rollout
 from designrl.engine.verify import (
@@ -181,7 +181,7 @@ def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):
     # Another C library or Bullet: here, a gravity that is smaller by its last bit.
     from designrl.envs import ant
 
-    monkeypatch.setattr(simulation, "_trials", {})
+    monkeypatch.setattr(envs, "_trials", {})
     monkeypatch.setattr(ant, "GRAVITY", np.nextafter(9.8, 9))
     with Simulator("ant", "engine") as simulator:
         assert simulator.backend == "reference"

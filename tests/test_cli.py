@@ -205,3 +205,17 @@ def test_a_full_disk_behind_the_output_is_one_sentence(checkpoint):
     assert done.stderr == (
         "designrl: the output cannot be written (no space left); send it elsewhere\n"
     )
+
+
+def test_ctrl_c_while_the_package_is_imported_is_no_traceback():
+    pressed = (
+        "import sys\n"
+        "class Finder:\n"
+        "    def find_spec(name, *_):\n"
+        "        if name.startswith('designrl.'): raise KeyboardInterrupt\n"
+        "import designrl_command\n"
+        "sys.meta_path.insert(0, Finder)\n"
+        "designrl_command.main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", pressed], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "")

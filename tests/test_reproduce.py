@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from designrl.checkpoint import load, save
+from designrl.engine import missing_reason
 from designrl.errors import InputError
 from designrl.evaluation import Evaluation, evaluate
 from designrl.experiments import EXPERIMENTS, get_experiment
@@ -35,6 +37,7 @@ from reproduce import (
     table2,
     table3,
     tables,
+    transfer,
 )
 from reproduce.scores import ROOT
 
@@ -505,3 +508,60 @@ def test_report_in_a_browser_at_phone_width(page, tmp_path):
     assert seen["page"] <= 390, "the page does not scroll sideways"
     assert len(seen["widths"]) == len(report.CAPTIONS)
     assert min(seen["widths"]) >= 250, "a picture is broken or too small to see"
+
+
+# ------------------------------------------------------------------------------------- PPO's curves
+
+
+def write_curve(folder, task, body, seed, text):
+    path = folder / "paper/transfer" / task / body / f"seed{seed}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def test_ppos_figure_shows_each_seed_their_mean_and_its_interval(project):
+    for seed, last in enumerate((100, 200, 300)):
+        text = f"# origin\nsteps,mean,sd,episodes\n0,-100,1,5\n1000000,{last},1,5\n"
+        write_curve(project, "flat", "learned", seed, text)
+    flat, hardcore = transfer.figures()["transfer"].axes
+    assert [line.get_ydata().tolist() for line in flat.lines[:4]] == [
+        *([-100, last] for last in (100, 200, 300)),
+        [-100, 200],
+    ]
+    band = flat.collections[0].get_paths()[0].vertices
+    assert band[band[:, 0] == 1, 1].min() < 200 < band[band[:, 0] == 1, 1].max()
+    assert flat.get_legend_handles_labels()[1] == ["learned body (3 seeds)"]
+    assert hardcore.get_title("left") == "Hardcore: no curve yet"
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("steps,mean\n0,1\n7,2\n", "has other steps than seed0.csv"),
+        ("steps,mean\n0,high\n", "is not a curve of examples/ppo.py"),
+        ("a,b\n0,1\n", "is not a curve of examples/ppo.py"),
+    ],
+)
+def test_curves_that_do_not_fit_are_named(project, text, message):
+    write_curve(project, "flat", "original", 0, "steps,mean\n0,1\n5,2\n")
+    write_curve(project, "flat", "original", 1, text)
+    with pytest.raises(InputError, match=f"seed1.csv {message}"):
+        transfer.figures()
+
+
+@pytest.mark.skipif(missing_reason() is not None, reason=str(missing_reason()))
+def test_ppo_writes_a_curve_that_the_figure_reads(project):
+    body = pretrain(project, "biped-hardcore-morphology")
+    out = project / "paper/transfer/hardcore/learned/seed3.csv"
+    command = [sys.executable, ROOT / "examples/ppo.py", "--hardcore", "--seed", "3", "--design"]
+    command += [body, "--steps", "256", "--episodes", "4", "--out", out]
+    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    steps, means = transfer.read_curves([out])
+    assert steps.tolist() == [0, 256] and np.isfinite(means).all()
+    assert file_hash(body) in out.read_text()
+    transfer.figures()
+    command[command.index(body)] = out
+    wrong = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert wrong.returncode == 2
+    assert "ppo.py: error: " in wrong.stderr and "Traceback" not in wrong.stderr

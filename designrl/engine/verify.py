@@ -1,7 +1,7 @@
 """Compares the compiled engine with Box2D and PyBullet, bit for bit.
 
-    python -m designrl.engine.verify                 3,000 episodes; exit code 1 on a difference
-    python -m designrl.engine.verify --episodes 200 --seed 5
+    python -m designrl.engine.verify                 exit code 1 on a difference
+    python -m designrl.engine.verify --episodes 200 --steps 5000 --seed 5
 
 Each episode is run in the Gymnasium environment and in the engine: every observation, the return
 and the length must have the same bits. Designs, policies and seeds are random; policies are random
@@ -9,6 +9,9 @@ networks, some of other sizes than the experiments', and the author's trained on
 zoo (DESIGNRL_ZOO). All kinds of episode take turns: both terrains, both LIDARs, with and without
 shaped rewards and those of smaller legs. A third are ants' episodes: with random and trained
 policies (ours, too), on bodies from the original one to some at all bounds.
+
+Then the vector environments, beside SyncVectorEnv over single ones under random actions: every
+output of every step.
 """
 
 import argparse
@@ -17,6 +20,7 @@ import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -28,6 +32,7 @@ from tqdm import tqdm
 from designrl import engine
 from designrl.bodies.walker import WALKER
 from designrl.checkpoint import load
+from designrl.engine.verify_vector import VECTOR_CASES, compare_vector
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
 from designrl.policy import Agent
 from designrl.published import published_runs, zoo_folder
@@ -240,6 +245,7 @@ def main(arguments: list[str] | None = None) -> int:
         prog="python -m designrl.engine.verify", description=__doc__.splitlines()[0]
     )
     parser.add_argument("--episodes", type=int, default=3000)
+    parser.add_argument("--steps", type=int, default=100_000, help="of each vector environment")
     parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     options = parser.parse_args(arguments)
@@ -270,7 +276,22 @@ def main(arguments: list[str] | None = None) -> int:
     )
     for case, found in differences[:10]:
         print(f"DIFFERENT {found}\n    {replace(case, parameters=None)}", file=sys.stderr)
-    return 1 if differences else 0
+    wrong = verify_vectors(options.steps, options.seed, options.workers)
+    return 1 if differences or wrong else 0
+
+
+def verify_vectors(steps: int, seed: int, workers: int) -> int:
+    """Compare all vector environments and print what came out; the number that differ."""
+    cases, wrong = [replace(case, seed=seed) for case in VECTOR_CASES], 0
+    with ProcessPoolExecutor(workers) as pool:
+        results = pool.map(partial(compare_vector, steps=steps), cases)
+        for case, found in zip(cases, results, strict=True):
+            print(
+                f"{case}, {steps} steps: {f'DIFFERENT {found}' if found else 'equal'}", flush=True
+            )
+            wrong += found is not None
+    print(f"{len(cases)} vector environments: {len(cases) - wrong} equal in every bit")
+    return wrong
 
 
 if __name__ == "__main__":

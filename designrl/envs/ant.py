@@ -25,7 +25,10 @@ from designrl.bodies.ant import (
     leg_capsules,
     mjcf,
 )
+from designrl.engine import Task
+from designrl.envs import engine_reason
 from designrl.envs.inputs import checked_action, chosen_design
+from designrl.envs.vector import EngineVectorEnv, no_engine
 from designrl.errors import InputError
 
 
@@ -95,6 +98,15 @@ FOOT_COLLISION_COST = -1.0
 _MAX_CLIENTS = 1024  # PyBullet's MAX_PHYSICS_CLIENTS
 
 _PICTURE_SIZE = 640, 480  # pixels
+
+
+def ant_spaces() -> tuple[spaces.Box, spaces.Box]:
+    """Of observations and of actions."""
+    high = np.full(len(ANT.observations), OBSERVATION_LIMIT, dtype=np.float32)
+    high[1:3], high[6:8] = 1.0, np.pi
+    low = -high
+    high[-len(ANT.contact_names) :], low[-len(ANT.contact_names) :] = 1.0, 0.0
+    return spaces.Box(low, high), spaces.Box(-1.0, 1.0, (len(ANT.joints),), np.float32)
 
 
 class Ant(gymnasium.Env, EzPickle):
@@ -202,12 +214,7 @@ class Ant(gymnasium.Env, EzPickle):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode
         self.design = ANT.design.validate(np.ones(ANT.design.size) if design is None else design)
-        self.action_space = spaces.Box(-1.0, 1.0, (len(ANT.joints),), np.float32)
-        high = np.full(len(ANT.observations), OBSERVATION_LIMIT, dtype=np.float32)
-        high[1:3], high[6:8] = 1.0, np.pi
-        low = -high
-        high[-len(ANT.contact_names) :], low[-len(ANT.contact_names) :] = 1.0, 0.0
-        self.observation_space = spaces.Box(low, high)
+        self.observation_space, self.action_space = ant_spaces()
         self._loaded: np.ndarray | None = None  # the design that the Bullet world holds
 
     # ------------------------------------------------------------------------------- episodes
@@ -465,3 +472,17 @@ class Ant(gymnasium.Env, EzPickle):
             **c,
         )
         return np.asarray(pixels, dtype=np.uint8).reshape(height, width, 4)[:, :, :3].copy()
+
+
+class VectorAnt(EngineVectorEnv):
+    """Many ants in the compiled engine, with the arguments of `Ant` and `EngineVectorEnv`.
+
+    Raises:
+        InputError: the engine has not the bits of the PyBullet that is installed.
+    """
+
+    def __init__(self, num_envs: int = 1, max_episode_steps: int = -1, **kwargs):
+        if reason := engine_reason("designrl/Ant-v0"):
+            raise no_engine(reason)
+        task = Task("ant", (), max_episode_steps)
+        super().__init__(task, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)

@@ -6,16 +6,26 @@ from designrl.design import DesignSpace
 from designrl.errors import InputError
 
 
+def checked_options(options: dict | None, *names: str) -> dict:
+    """The options of a `reset`, as a new dict.
+
+    Raises:
+        InputError: one that has none of these names.
+    """
+    options = dict(options or {})
+    if unknown := sorted(set(options) - set(names)):
+        known = " and ".join(map(repr, names))
+        raise InputError(f"unknown reset option {unknown[0]!r}; there is {known}")
+    return options
+
+
 def chosen_design(options: dict | None, space: DesignSpace, current: np.ndarray) -> np.ndarray:
     """The scales (D,) of `reset(options={"design": scales})`; without them, the current ones.
 
     Raises:
         InputError: a design that is not one of the space's, or another option.
     """
-    options = dict(options or {})
-    design = options.pop("design", None)
-    if options:
-        raise InputError(f"unknown reset option {next(iter(options))!r}; there is 'design'")
+    design = checked_options(options, "design").get("design")
     return current if design is None else space.validate(design)
 
 

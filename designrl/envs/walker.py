@@ -14,9 +14,20 @@ from gymnasium.envs.box2d.bipedal_walker import (
 from gymnasium.utils import EzPickle
 
 from designrl.bodies.walker import WALKER, is_closest_lidar, leg_area_reward_factor
+from designrl.envs import walker_task
 from designrl.envs.inputs import checked_action, chosen_design
+from designrl.envs.vector import EngineVectorEnv
 
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
+
+
+def walker_spaces() -> tuple[spaces.Box, spaces.Box]:
+    """Of observations and of actions."""
+    high = np.full(len(WALKER.observations), np.inf, dtype=np.float32)
+    low = -high
+    bounded = [i for i, n in enumerate(WALKER.observations) if "lidar" in n or "contact" in n]
+    low[bounded], high[bounded] = 0.0, 1.0
+    return spaces.Box(low, high), spaces.Box(-1.0, 1.0, (len(WALKER.joints),), np.float32)
 
 
 class _FirstHit(b2RayCastCallback):
@@ -179,11 +190,7 @@ class Walker(BipedalWalker):
         original = np.ones(WALKER.design.size)
         self.design = WALKER.design.validate(original if design is None else design)
 
-        high = np.full(len(WALKER.observations), np.inf, dtype=np.float32)
-        low = -high
-        bounded = [i for i, n in enumerate(WALKER.observations) if "lidar" in n or "contact" in n]
-        low[bounded], high[bounded] = 0.0, 1.0
-        self.observation_space = spaces.Box(low, high)
+        self.observation_space, self.action_space = walker_spaces()
 
     def reset(self, *, seed: int | None = None, options: dict | None = None):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
@@ -219,3 +226,19 @@ class Walker(BipedalWalker):
         self._x, self._tilt = x, tilt
         info["reward_terms"] = terms
         return observation, float(reward), terminated, truncated, info
+
+
+class VectorWalker(EngineVectorEnv):
+    """Many walkers in the compiled engine, with the arguments of `Walker` and `EngineVectorEnv`."""
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int = -1,
+        lidar: str = "v2",
+        leg_area_reward: bool = False,
+        hardcore: bool = False,
+        **kwargs,
+    ):
+        task, factor = walker_task(hardcore, max_episode_steps, lidar, leg_area_reward)
+        super().__init__(task, num_envs, WALKER, walker_spaces(), REWARD_TERMS, factor, **kwargs)

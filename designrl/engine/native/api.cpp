@@ -1,14 +1,19 @@
 // The library's interface, plain C for ctypes: picks the task and the instruction set and runs the
 // threads. Compiled for the baseline, so that it runs on any x86-64.
+#include <sys/mman.h>
+
+#include <atomic>
 #include <cstdlib>
 #include <cstring>
 #include <functional>
+#include <memory>
 #include <system_error>
 #include <thread>
 #include <vector>
 
 #include "common/batch.h"
 #include "common/policy.h"
+#include "crew.h"
 
 namespace engine_sse2 {
 namespace walker { extern const TaskEntry kTask; }
@@ -56,14 +61,63 @@ const TaskEntry* find_task(const Variant* variant, const char* name) {
   return nullptr;
 }
 
+constexpr size_t kHugePage = 2 << 20;  // bytes
+
+// Zero bytes, aligned to 64; null if there is no memory. Much of it comes in huge pages: a world is
+// walked all over, and the processor's list of small pages does not hold many worlds.
+void* allocate(size_t bytes) {
+  const size_t alignment = bytes < kHugePage ? 64 : kHugePage;
+  bytes = (bytes + alignment - 1) / alignment * alignment;
+  void* memory = std::aligned_alloc(alignment, bytes);
+  if (!memory) return nullptr;
+  if (alignment == kHugePage) madvise(memory, bytes, MADV_HUGEPAGE);  // refused: nothing is lost
+  return std::memset(memory, 0, bytes);
+}
+
 void work(const TaskEntry& task, Batch& batch, int64_t share) {
-  const size_t bytes = (task.thread_bytes() + 63) / 64 * 64;
-  void* memory = std::aligned_alloc(64, bytes);
+  void* memory = allocate(task.thread_bytes());
   if (!memory) return;  // its episodes are left to the other threads
-  std::memset(memory, 0, bytes);
   task.run_episodes(batch, memory, share);
   std::free(memory);
 }
+
+// Environments in groups, each of which one thread steps at a time.
+class Stepper {
+ public:
+  Stepper(const TaskEntry& task, int64_t environments, int threads) : task_(task), crew_(threads) {
+    // As few as hold them all, the same number for each thread.
+    int64_t groups = (environments + task.held - 1) / task.held;
+    groups = (groups + threads - 1) / threads * threads;
+    if (groups > environments) groups = environments;
+    for (int64_t g = 0; g < groups; ++g) {
+      const int64_t first = g * environments / groups;
+      const int count = int((g + 1) * environments / groups - first);
+      groups_.push_back({first, count, {allocate(task.group_bytes(count)), std::free}});
+    }
+  }
+  bool complete() const {
+    for (const Group& group : groups_)
+      if (!group.memory) return false;
+    return true;
+  }
+  void run(const Stepping& stepping) {
+    std::atomic<size_t> next{0};
+    crew_.run([&] {
+      for (size_t g; (g = next++) < groups_.size();)
+        task_.step_group(stepping, groups_[g].memory.get(), groups_[g].first, groups_[g].count);
+    });
+  }
+
+ private:
+  struct Group {
+    int64_t first;
+    int count;
+    std::unique_ptr<void, void (*)(void*)> memory;
+  };
+  const TaskEntry& task_;
+  std::vector<Group> groups_;
+  Crew crew_;
+};
 
 }  // namespace
 
@@ -79,14 +133,15 @@ const char* designrl_engine_isa(const char* name) {
   return variant ? variant->name : nullptr;
 }
 
-// What a task says of itself: the names of its flags, and how many observations, actions and
-// dimensions it has. Null if there is none of that name.
-const char* designrl_engine_describe(const char* name, int32_t counts[3]) {
+// What a task says of itself: the names of its flags, and how many observations, actions,
+// dimensions it has, and terms of its reward. Null if there is none of that name.
+const char* designrl_engine_describe(const char* name, int32_t counts[4]) {
   const TaskEntry* task = find_task(find_variant(nullptr), name);
   if (!task) return nullptr;
   counts[0] = task->observations;
   counts[1] = task->actions;
   counts[2] = task->design;
+  counts[3] = task->terms;
   return task->flags;
 }
 
@@ -118,4 +173,21 @@ int designrl_engine_run(Batch* batch, const char* name, const char* isa, int thr
   for (std::thread& thread : others) thread.join();
   return batch->finished == episodes || batch->stop ? 0 : 2;
 }
+
+// Environments that the caller steps; null if there was no memory. The task and the instruction set
+// must be there.
+int64_t designrl_stepping_bytes() { return sizeof(Stepping); }
+void* designrl_stepper_make(const char* name, const char* isa, int64_t environments, int threads) {
+  const TaskEntry* task = find_task(find_variant(isa), name);
+  try {
+    auto stepper = std::make_unique<Stepper>(*task, environments, threads);
+    return stepper->complete() ? stepper.release() : nullptr;
+  } catch (const std::bad_alloc&) {
+    return nullptr;
+  }
+}
+void designrl_stepper_run(void* stepper, const Stepping* stepping) {
+  static_cast<Stepper*>(stepper)->run(*stepping);
+}
+void designrl_stepper_free(void* stepper) { delete static_cast<Stepper*>(stepper); }
 }

@@ -26,7 +26,7 @@
 
 #include "ant/bullet/world.h"
 #include "ant/constants.h"
-#include "common/episodes.h"
+#include "common/stepping.h"
 
 namespace ENGINE::ant {
 
@@ -98,6 +98,8 @@ class Ant {
   static constexpr int kObservations = 28, kActions = kJoints, kDesign = kDimensions;
   static constexpr int kLanes = kDoubles, kHeld = kLanes;
   static constexpr double kSolvedReturn = HUGE_VAL, kSolvedBonus = 0.0;  // it is never solved
+  static constexpr bool kStartSolves = false;
+  enum Term { kAlive, kProgress, kElectricity, kStall, kJointLimits, kFootCollision, kTerms };
   // The paper's, and the one of the published original ant; the last input is the time.
   using Networks =
       FixedNetworks<FixedNetwork<Output::kTanh, kObservations + 1, 64, 32, kActions>,
@@ -105,8 +107,7 @@ class Ant {
   using Solver = Lanes;
 
   // Ant.reset. scales: (36,) of the design.
-  void reset(uint64_t seed, uint32_t, const double* scales) {
-    Generator random(seed);
+  void reset(Generator& random, uint32_t, const double* scales) {
     for (double& angle : start_angles_) angle = random.uniform(-kStartAngle, kStartAngle);
     build(scales);
     for (bool& touches : foot_contact_) touches = false;
@@ -114,7 +115,7 @@ class Ant {
   }
 
   // action: null in the round after reset, in which the ant is put into its lane.
-  void begin_step(const float* action) {
+  void begin_step(const double* action) {
     starts_ = !action;
     if (starts_) return;
     for (int j = 0; j < kJoints; ++j) {
@@ -168,12 +169,15 @@ class Ant {
       effort += action_[j] * action_[j];
     }
     const bool alive = height_ > kFallenHeight;
-    double reward = alive ? 1.0 : -1.0;
-    reward += (distance - distance_) / kTimeStep;
-    reward += kElectricityCost * kJointSpeedScale * power / kJoints;
-    reward += kStallCost * effort / kJoints;
-    reward += kJointLimitCost * joints_at_limit_;
-    outcome.reward = reward;
+    double* terms = outcome.terms;
+    terms[kAlive] = alive ? 1.0 : -1.0;
+    terms[kProgress] = (distance - distance_) / kTimeStep;
+    terms[kElectricity] = kElectricityCost * kJointSpeedScale * power / kJoints;
+    terms[kStall] = kStallCost * effort / kJoints;
+    terms[kJointLimits] = kJointLimitCost * joints_at_limit_;
+    terms[kFootCollision] = kFootCollisionCost * 0;  // the parts pass through each other
+    outcome.reward = 0.0;
+    for (int t = 0; t < kTerms; ++t) outcome.reward += terms[t];
     outcome.terminated = !alive;
     outcome.fell = false;  // what a fall costs is a reward like others
   }

@@ -14,7 +14,8 @@ constexpr double kJointLimit = 0.99;       // share of a range from its middle: 
 constexpr double kSpeedScale = 0.3;        // per m/s
 constexpr double kJointSpeedScale = 0.1;   // per rad/s
 constexpr float kObservationLimit = 5.0f;
-constexpr double kElectricityCost = -2.0, kStallCost = -0.1, kJointLimitCost = -0.2;  // points
+constexpr double kElectricityCost = -2.0, kStallCost = -0.1, kJointLimitCost = -0.2,
+                 kFootCollisionCost = -1.0;  // points
 constexpr int kLinks = 20;                 // of Bullet, whose mean position is where the ant is
 
 constexpr int kLegDimensions = 9;  // of a leg: dx, dy of its parts, then their radii

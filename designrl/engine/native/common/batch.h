@@ -27,14 +27,42 @@ struct Batch {
   int64_t stop;          // set to 1 by the caller: return after the current step
 };
 
+// A step, or a reset, of environments whose actions the caller has; field by field in
+// designrl/engine/stepper.py, too. Rows are environments, if not said otherwise.
+struct Stepping {
+  enum Autoreset : int32_t { kDisabled, kNextStep, kSameStep };  // Gymnasium's modes
+  enum Start : uint8_t { kGoOn, kStart, kStartSeeded };
+
+  int64_t environments;
+  uint32_t flags;                // of the task
+  int32_t autoreset;
+  int64_t max_steps;             // time limit
+  const double* designs;         // (environments, the task's design) scales
+  const double* reward_factors;  // (environments,), or null: none
+  const double* actions;         // (environments, the task's actions); null: this is a reset
+  const uint8_t* starts;         // (environments,) Start: of which, and from a seed or going on
+  const uint64_t* seeds;         // (environments,)
+  float* observations;           // (environments, the task's observations)
+  float* final_observations;     // the same: of episodes that end, where reset follows at once
+  double* rewards;               // (environments,), zeros; those below likewise
+  uint8_t *terminated, *truncated;
+  double* terms;    // (the task's terms + 1, environments) of the rewards; last, the factors' part
+  uint8_t* failed;  // a capacity of the engine was exceeded
+};
+
 // A task compiled for one instruction set.
 struct TaskEntry {
   const char* name;
-  int32_t observations, actions, design;
+  int32_t observations, actions, design, terms;
   const char* flags;  // names, separated by spaces
   size_t (*thread_bytes)();
   // Runs episodes until none is left. memory: thread_bytes() zero bytes, aligned to 64. share: of
   // the batch's episodes, what one thread would get if they were dealt out evenly; it holds no more
   // at once.
   void (*run_episodes)(Batch&, void* memory, int64_t share);
+  // Steps or resets a group of environments: `count` from `first` on, `held` at most. memory: their
+  // own, group_bytes(count) zero bytes at first, aligned to 64.
+  int32_t held;
+  size_t (*group_bytes)(int count);
+  void (*step_group)(const Stepping&, void* memory, int64_t first, int count);
 };

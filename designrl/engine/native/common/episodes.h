@@ -6,16 +6,18 @@
 //   kObservations, kActions, kDesign     how many numbers each of them is
 //   kLanes                               episodes that are solved at once
 //   kHeld                                episodes that a thread holds
+//   kTerms                               of the environment's rewards
+//   kStartSolves                         whether the round after reset is a step of physics
 //   kSolvedReturn, kSolvedBonus          points, of the shaped rewards
 //   Networks                             its own policies, FixedNetworks
 //   Solver                               lanes of physics; solve(n) solves the first n of them
-//   reset(seed, flags, design)           starts an episode; flags: bits of Batch::flags
+//   reset(random, flags, design)         starts an episode; flags: bits of Batch::flags
 //   begin_step(action)                   up to what the lanes solve. The round after reset has no
 //                                        action, it is null: it leads to the first observation
 //   order()                              uint32_t: episodes whose order is alike share the lanes
 //   load(solver, lane)                   into a lane, and after solve() back
 //   store(solver, lane)
-//   finish_step(flags, outcome)          the rest of the step: observation and reward
+//   finish_step(flags, outcome)          the rest of the step: observation, reward and its terms
 //   failed()                             a capacity was exceeded, the episode is void
 //
 // It begins as zero bytes, no constructor is called.
@@ -35,7 +37,45 @@ template <class Task>
 struct Outcome {
   float observation[Task::kObservations + 1];  // and room for the time, if the policy sees it
   double reward;  // of the environment; with a fall, what that costs
+  double terms[Task::kTerms];  // its parts, in the order of the environment
   bool terminated, fell;
+};
+
+// Tasks that have begun a step: solves them in their order, as many at once as there are lanes.
+template <class Task>
+class Round {
+ public:
+  // index: the caller's name for it, below kHeld.
+  void add(Task& task, int index) {
+    // The order, above the index.
+    const uint64_t key = uint64_t(task.order()) << 32 | unsigned(index);
+    tasks_[index] = &task;
+    int at = count_++;
+    for (; at > 0 && keys_[at - 1] > key; --at) keys_[at] = keys_[at - 1];
+    keys_[at] = key;
+  }
+  bool empty() const { return count_ == 0; }
+
+  // physics: false where all of them start and have none to solve. finish(index): the rest of a
+  // task's step.
+  template <class Finish>
+  void solve(typename Task::Solver& solver, bool physics, Finish finish) {
+    for (int first = 0; first < count_; first += Task::kLanes) {
+      const int lanes = count_ - first < Task::kLanes ? count_ - first : Task::kLanes;
+      for (int l = 0; l < lanes; ++l) tasks_[uint32_t(keys_[first + l])]->load(solver, l);
+      if (physics) solver.solve(lanes);
+      for (int l = 0; l < lanes; ++l) {
+        const int index = int(uint32_t(keys_[first + l]));
+        tasks_[index]->store(solver, l);
+        finish(index);
+      }
+    }
+  }
+
+ private:
+  Task* tasks_[Task::kHeld];
+  uint64_t keys_[Task::kHeld];
+  int count_ = 0;
 };
 
 // An episode under way, and its place in the batch.
@@ -53,7 +93,8 @@ class Episode {
     candidate_ = episode_ / batch.rollouts;
     // A stream of its own, apart from the task's (designrl/policy.py, Agent.reset).
     if (batch.noise_stds) noise_ = Generator(SeedSequence(batch.seeds[episode_], 1));
-    task.reset(batch.seeds[episode_], batch.flags, batch.designs + Task::kDesign * candidate_);
+    Generator random(batch.seeds[episode_]);
+    task.reset(random, batch.flags, batch.designs + Task::kDesign * candidate_);
     total_ = 0.0;
     steps_ = -1;  // the first round leads to the first observation
     return true;
@@ -75,7 +116,9 @@ class Episode {
       if (own_network) own_network(weights, input, added, action);
       else act(weights, batch.sizes, batch.layers, batch.output_tanh, input, added, action);
     }
-    task.begin_step(steps_ >= 0 ? action : nullptr);
+    double exact[Task::kActions];
+    for (int i = 0; i < Task::kActions; ++i) exact[i] = action[i];
+    task.begin_step(steps_ >= 0 ? exact : nullptr);
   }
 
   void finish_step(Batch& batch) {
@@ -124,44 +167,17 @@ void run_episodes(Batch& batch, void* memory, int64_t share) {
   const int held = share < Task::kHeld ? int(share) : Task::kHeld;
   bool left = true;
   for (;;) {
-    // In their order, which is above the episode's index in a key.
-    uint64_t keys[Task::kHeld];
-    int count = 0;
+    Round<Task> round;
     for (int e = 0; e < held; ++e) {
       Episode<Task>& episode = thread.episodes[e];
       if (!episode.active && left) left = episode.start(batch);
       if (!episode.active) continue;
       episode.begin_step(batch, own_network);
-      const uint64_t key = uint64_t(episode.task.order()) << 32 | unsigned(e);
-      int at = count++;
-      for (; at > 0 && keys[at - 1] > key; --at) keys[at] = keys[at - 1];
-      keys[at] = key;
+      round.add(episode.task, e);
     }
-    if (count == 0 || __atomic_load_n(&batch.stop, __ATOMIC_RELAXED)) return;
-    for (int first = 0; first < count; first += Task::kLanes) {
-      const int lanes = count - first < Task::kLanes ? count - first : Task::kLanes;
-      for (int l = 0; l < lanes; ++l)
-        thread.episodes[uint32_t(keys[first + l])].task.load(thread.solver, l);
-      thread.solver.solve(lanes);
-      for (int l = 0; l < lanes; ++l) {
-        Episode<Task>& episode = thread.episodes[uint32_t(keys[first + l])];
-        episode.task.store(thread.solver, l);
-        episode.finish_step(batch);
-      }
-    }
+    if (round.empty() || __atomic_load_n(&batch.stop, __ATOMIC_RELAXED)) return;
+    round.solve(thread.solver, true, [&](int e) { thread.episodes[e].finish_step(batch); });
   }
-}
-
-// A task's entry. flags: the names of its bits, separated by spaces.
-template <class Task>
-constexpr TaskEntry task_entry(const char* name, const char* flags) {
-  return {name,
-          Task::kObservations,
-          Task::kActions,
-          Task::kDesign,
-          flags,
-          [] { return sizeof(Thread<Task>); },
-          run_episodes<Task>};
 }
 
 }  // namespace ENGINE

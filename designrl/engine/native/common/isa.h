@@ -11,11 +11,12 @@
 //     random, ziggurat
 //                NumPy's random numbers
 //     policy     the tanh network
-//     batch      what a caller asks for: many episodes; and what a task tells of itself
+//     batch      what a caller asks for: many episodes, or steps; and what a task tells of itself
 //     episodes   one episode after the other in every lane, of any task
+//     stepping   steps of environments whose actions the caller has
 //   walker/    the walker's task; walker.h lists its files
 //   ant/       the ant's task; ant.h lists its files
-//   api.cpp    what ctypes calls: picks the task and the instruction set, runs the threads
+//   api.cpp    what ctypes calls: picks the task and the instruction set, runs the threads (crew.h)
 //
 // A task has a namespace of its own in that of the instruction set.
 #pragma once

@@ -20,7 +20,7 @@
 //   walker                the task as a whole
 #pragma once
 
-#include "common/episodes.h"
+#include "common/stepping.h"
 #include "walker/box2d/step.h"
 #include "walker/course.h"
 #include "walker/lidar.h"
@@ -52,13 +52,14 @@ class Walker {
   // Enough to fill vectors with walkers in like contact with the ground.
   static constexpr int kLanes = ENGINE::kLanes, kHeld = kLanes;
   static constexpr double kSolvedReturn = 300.0, kSolvedBonus = 100.0;  // points
+  static constexpr bool kStartSolves = true;  // reset ends with a step of zero action
+  enum Term { kProgress, kPosture, kEnergy, kFall, kTerms };
   using Networks =
       FixedNetworks<FixedNetwork<Output::kTanh, kObservations, 40, 40, kActions>>;
   using Solver = walker::Solver;
 
   // BipedalWalker.reset up to, but without, its first step. scales: (8,) of the design.
-  void reset(uint64_t seed, uint32_t flags, const double* scales) {
-    Generator random(seed);
+  void reset(Generator& random, uint32_t flags, const double* scales) {
     world_.clear();
     add_course(world_, random, flags & kHardcore);
     build(scales, start_force(random));
@@ -66,7 +67,7 @@ class Walker {
   }
 
   // action: null in the step that reset takes, whose action is zero.
-  void begin_step(const float* action) {
+  void begin_step(const double* action) {
     command(action);
     step_.begin(world_);
   }
@@ -82,12 +83,13 @@ class Walker {
  private:
   World world_;
   Step step_;
-  double energy_[kJoints];
-  double shaping_;
+  double energy_[kJoints], effort_;
+  double shaping_, x_, tilt_;  // of the step before
   bool has_shaping_;
 
   // Motor commands of an action, BipedalWalker.step, in float64 as there.
-  void command(const float* action) {
+  void command(const double* action) {
+    effort_ = 0.0;
     for (int i = 0; i < kJoints; ++i) {
       const double a = action ? action[i] : 0.0, speed = i % 2 == 0 ? kHipSpeed : kKneeSpeed;
       const double sign = a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : 0.0;
@@ -98,6 +100,7 @@ class Walker {
       joint.motor_speed = float(speed * sign);
       joint.max_torque = float(kMotorTorque * strength);
       energy_[i] = 0.00035 * kMotorTorque * strength;
+      effort_ += strength;
     }
     for (Body& body : world_.bodies) body.wake();  // b2RevoluteJoint::SetMotorSpeed
   }
@@ -178,9 +181,9 @@ class Walker {
     }
     RayFan(hull.xf.p, end_x, end_y).cast_all(world_, closest_hits, state + 14);
 
-    const double angle = hull.sweep.a;
+    const double angle = hull.sweep.a, tilt = angle < 0.0 ? -angle : angle;
     double shaping = 130 * x / kScale;
-    shaping -= 5.0 * (angle < 0.0 ? -angle : angle);
+    shaping -= 5.0 * tilt;
     double reward = has_shaping_ ? shaping - shaping_ : 0.0;
     shaping_ = shaping;
     has_shaping_ = true;
@@ -188,6 +191,16 @@ class Walker {
     outcome.fell = world_.listener.fallen || x < 0.0;
     if (outcome.fell) reward = -100.0;
     outcome.reward = reward;
+    for (double& term : outcome.terms) term = 0.0;
+    if (outcome.fell) {
+      outcome.terms[kFall] = reward;
+    } else {
+      outcome.terms[kProgress] = 130 / kScale * (x - x_);
+      outcome.terms[kPosture] = -5.0 * (tilt - tilt_);
+      outcome.terms[kEnergy] = -0.00035 * kMotorTorque * effort_;
+    }
+    x_ = x;
+    tilt_ = tilt;
     outcome.terminated = outcome.fell || x > (kTerrainLength - kTerrainGrass) * kTerrainStep;
   }
 };

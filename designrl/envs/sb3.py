@@ -1,0 +1,97 @@
+"""The vector environments for Stable-Baselines3 (`pip install designrl[sb3]`).
+
+    from designrl.envs.sb3 import EngineVecEnv
+
+    env = EngineVecEnv("designrl/BipedalWalkerHardcore-v0", num_envs=32, design=scales)
+    PPO("MlpPolicy", env).learn(1_000_000)
+
+Not imported with the package. `VecMonitor` around it records returns, `VecNormalize` normalises.
+"""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
+
+from designrl.errors import InputError
+
+
+class EngineVecEnv(VecEnv):
+    """N environments of one kind, side by side in the compiled engine.
+
+    Episodes begin anew as Stable-Baselines3 has it, in the step in which the one before ends;
+    `infos[i]` then has "terminal_observation" and "TimeLimit.truncated", and is empty otherwise.
+
+    Args:
+        env_id: a designrl environment.
+        num_envs: N.
+        seed: of the first reset; environment i gets seed + i. `seed()` sets another.
+        kwargs: further ones of `gymnasium.make_vec`: design, lidar, threads, ...
+
+    Attributes:
+        env: the `designrl.envs.vector.EngineVectorEnv`.
+
+    Raises:
+        InputError (a ValueError): as the vector environment does.
+    """
+
+    def __init__(self, env_id: str, num_envs: int, seed: int | None = None, **kwargs):
+        self.env = gymnasium.make_vec(
+            env_id,
+            num_envs,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.SAME_STEP,
+            **kwargs,
+        )
+        spaces = self.env.single_observation_space, self.env.single_action_space
+        super().__init__(num_envs, *spaces)
+        if seed is not None:
+            self.seed(seed)
+
+    def reset(self) -> np.ndarray:
+        """Start all episodes: with the seeds and designs of `seed()` and `set_options()` before.
+
+        Returns: (N, O) observations.
+        """
+        designs = list(self.env.design)
+        for i, options in enumerate(self._options):
+            if unknown := set(options) - {"design"}:
+                raise InputError(f"unknown reset option {unknown.pop()!r}; there is 'design'")
+            designs[i] = options.get("design", designs[i])
+        observations, _ = self.env.reset(seed=self._seeds, options={"design": designs})
+        self._reset_seeds()
+        self._reset_options()
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        observations, rewards, terminated, truncated, info = self.env.step(self._actions)
+        ended = terminated | truncated
+        infos = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(ended):
+            infos[i] = {
+                "terminal_observation": info["final_obs"][i],
+                "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
+            }
+        return observations, rewards.astype(np.float32), ended, infos
+
+    def close(self) -> None:
+        self.env.close()
+
+    # What asks for single environments gets the vector environment's: they are all alike.
+
+    def get_attr(self, attr_name: str, indices=None) -> list[Any]:
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
+        raise InputError(f"{attr_name!r} cannot be set: the environments are in the engine")
+
+    def env_method(self, method_name: str, *args, indices=None, **kwargs) -> list[Any]:
+        raise InputError(f"{method_name}() cannot be called: the environments are in the engine")
+
+    def env_is_wrapped(self, wrapper_class, indices=None) -> list[bool]:
+        return [False for _ in self._get_indices(indices)]

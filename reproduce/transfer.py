@@ -1,0 +1,89 @@
+"""PPO on the original body and on learned ones: does a learned body help another learner, too?
+
+Reads paper/transfer/TASK/BODY/seedN.csv, which `make transfer` trains (examples/ppo.py): steps of
+training, and the mean of an evaluation's episodes. CAPTIONS says what is drawn.
+"""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from designrl.errors import InputError
+from reproduce import drawing, scores
+from reproduce.figure5 import STEPS
+from reproduce.runs import SOLVED
+from reproduce.statistics import mean_interval
+
+CAPTIONS = {
+    "transfer": (
+        "A learned body and another learner",
+        "PPO (Stable-Baselines3, with RL Baselines3 Zoo's settings for this walker) on the "
+        "original body and on one that our training had learned. The score of an evaluation over "
+        "steps of training: thin, of each seed; thick, the mean over seeds, with a bootstrap 95 % "
+        "interval. Dashed: 300 points, solved.",
+    )
+}
+TASKS = {"flat": "Flat ground", "hardcore": "Hardcore"}
+BODIES = {"original": drawing.ORIGINAL, "learned": drawing.LEARNED}
+
+
+def curves(task: str, body: str) -> list[Path]:
+    """The curves of a body, by seed."""
+    return sorted((scores.ROOT / "paper" / "transfer" / task / body).glob("seed*.csv"))
+
+
+def reads() -> list[Path]:
+    """The files that the figure depends on."""
+    return [path for task in TASKS for body in BODIES for path in curves(task, body)]
+
+
+def read_curves(paths: list[Path]) -> tuple[np.ndarray, np.ndarray]:
+    """(E,) steps and (S, E) scores of S seeds.
+
+    Raises:
+        InputError: a file that is no curve, or whose steps are not those of the first.
+    """
+    found = []
+    for path in paths:
+        lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+        try:
+            rows = [(int(row["steps"]), float(row["mean"])) for row in csv.DictReader(lines)]
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{path} is not a curve of examples/ppo.py; make it anew") from None
+        found.append(np.array(rows, dtype=np.float64).reshape(-1, 2).T)
+        if not np.array_equal(found[0][0], found[-1][0]):
+            raise InputError(f"{path} has other steps than {paths[0].name}; train both for as long")
+    return found[0][0], np.array([means for _, means in found])
+
+
+def draw(axes: Axes, task: str, body: str) -> None:
+    """Draw the curves of a body on a task."""
+    paths = curves(task, body)
+    if not paths:
+        return
+    steps, means = read_curves(paths)
+    at, colour = steps / 1e6, BODIES[body]
+    label = f"{body} body ({len(paths)} {'seeds' if len(paths) > 1 else 'seed'})"
+    axes.plot(at, means.T, color=colour, linewidth=0.4, alpha=0.5)
+    axes.plot(at, means.mean(axis=0), color=colour, label=label)
+    low, high = np.transpose([mean_interval(values) for values in means.T])
+    axes.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def figures() -> dict[str, Figure]:
+    """The figure."""
+    figure = Figure(figsize=(drawing.WIDTH, 2.3), layout="constrained")
+    for axes, (task, title) in zip(figure.subplots(1, len(TASKS)), TASKS.items(), strict=True):
+        for body in BODIES:
+            draw(axes, task, body)
+        axes.set_title(title if axes.lines else f"{title}: no curve yet")
+        axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+        axes.set_ylim(-150, 360)
+        axes.set_xlabel(STEPS)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="lower right")
+    figure.axes[0].set_ylabel("score (points)")
+    return {"transfer": figure}
