@@ -40,7 +40,7 @@ def load_module(name: str) -> None:
     folder, module = (path.parent, path.stem) if path.suffix == ".py" else (Path(), name)
     if path.suffix == ".py" and not path.is_file():
         raise InputError(f"{name} is not a file; name a module that registers experiments")
-    sys.path.insert(0, str(folder.absolute()))
+    sys.path.append(str(folder.absolute()))
     try:
         found = importlib.import_module(module)
     except ImportError as error:
