@@ -10,6 +10,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ import safetensors.numpy
 from mcap.writer import MCAP0_MAGIC
 
 from designrl.errors import InputError, printable
-from designrl.experiments import Experiment, Network, get_experiment
+from designrl.experiments import EXPERIMENTS, Experiment, Network, get_experiment
 from designrl.files import file_hash, read_limited, write_atomically
 from designrl.policy import Agent
 from designrl.provenance import versions
@@ -32,6 +33,54 @@ _WHAT_TO_DO = {
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 MAX_DEPTH = 20  # of values in the metadata; ours is 3
+PRETRAINED = Path(__file__).resolve().parents[1] / "pretrained"  # in a clone, beside the package
+
+
+def find(name: str | Path) -> Path:
+    """The file that is meant: itself, a run's best agent, or a published agent in a clone.
+
+    Args:
+        name: a file, the folder of a run, or "biped-morphology/seed7" for the published agent in
+            `pretrained/`.
+
+    Raises:
+        InputError: a published agent's name where there is none.
+    """
+    path = Path(name)
+    if (path / "best.safetensors").is_file():
+        return path / "best.safetensors"
+    is_name = str(path.parent) in EXPERIMENTS and re.fullmatch(r"seed\d+", path.name)
+    if path.is_file() or not is_name:
+        return path
+    if not PRETRAINED.is_dir():
+        raise InputError(
+            f"the published agent {name} is not installed with the package; get designrl's "
+            f"repository and name pretrained/{name}.safetensors in it"
+        )
+    published = PRETRAINED / f"{name}.safetensors"
+    if not published.is_file():
+        raise InputError(f"there is no agent {name}; `designrl checkpoints` lists those there are")
+    return published
+
+
+def published_agents() -> dict[str, str]:
+    """Names of the published agents -> their scores on their cards, as text.
+
+    Raises:
+        InputError: they are not beside the package.
+    """
+    if not PRETRAINED.is_dir():
+        raise InputError(
+            "the published agents are not installed with the package; get designrl's repository "
+            "and look into its folder pretrained"
+        )
+    found = {}
+    for experiment in EXPERIMENTS:
+        cards = (PRETRAINED / experiment).glob("seed*.md")
+        for card in sorted(cards, key=lambda path: (len(path.name), path.name)):
+            score = re.search(r"\*\*Score\*\* (.+?) over (\S+)", card.read_text(encoding="utf-8"))
+            found[f"{experiment}/{card.stem}"] = "{} over {} episodes".format(*score.groups())
+    return found
 
 
 def _read(path: Path) -> bytes:
@@ -111,8 +160,13 @@ def save(agent: Agent, path: str | Path) -> None:
     """Write an agent as a checkpoint.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or its experiment's name is not known or another's.
     """
+    if get_experiment(agent.experiment.name) != agent.experiment:
+        raise InputError(
+            f"{path} would be read as another experiment {agent.experiment.name!r}; choose another "
+            "name for yours"
+        )
     metadata = {
         **agent.metadata,
         "experiment": agent.experiment.name,
@@ -125,13 +179,14 @@ def load(path: str | Path, experiment: str | None = None) -> Agent:
     """The agent of a checkpoint, or of a 2018 JSON file where `experiment` is given.
 
     Args:
-        path: a `.safetensors` file of ours or a `.json` file of the 2018 repositories.
+        path: a `.safetensors` file of ours, or what else `find` takes, or a `.json` file of the
+            2018 repositories.
         experiment: needed for the latter; for a checkpoint, what it must be of.
 
     Raises:
         InputError: missing, damaged, of another experiment, or with numbers that are not finite.
     """
-    path = Path(path)
+    path = find(path)
     if path.suffix == ".json":
         if experiment is None:
             raise InputError(f"{path} does not say what it was trained for; add --experiment NAME")
@@ -176,6 +231,15 @@ def load_published(path: str | Path, experiment: Experiment) -> Agent:
         raise InputError(f"{path} cannot be used as {experiment.name}: {error}") from None
 
 
+def fitting(parameters: int) -> list[str]:
+    """Names of the experiments whose agents have so many parameters."""
+    return [
+        name
+        for name, e in EXPERIMENTS.items()
+        if parameters in (e.parameters_with(network) for network in e.networks)
+    ]
+
+
 def _read_published(path: Path) -> tuple[np.ndarray, float]:
     data = _read(path)
     try:
@@ -197,7 +261,8 @@ def describe(path: str | Path) -> str:
     if path.suffix == ".json":
         parameters, score = _read_published(path)
         text = f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
-        return printable(text)
+        fits = ", ".join(fitting(parameters.size)) or "none"
+        return printable(f"{text}; experiments with as many: {fits}")
     with contextlib.suppress(InputError):  # if it is no state, `load` says what is wrong
         _, state = read_tensors(path, STATE_FORMAT)
         progress = state.get("progress")

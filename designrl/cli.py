@@ -2,6 +2,8 @@
 
 import argparse
 import dataclasses
+import errno
+import importlib
 import json
 import os
 import shlex
@@ -13,7 +15,8 @@ from pathlib import Path
 
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
-from designrl.files import read_limited
+from designrl.files import is_locked, read_limited
+from designrl.provenance import VERSION
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
@@ -23,6 +26,28 @@ EXIT_INTERRUPTED, EXIT_PIPE = 130, 141  # as a shell reports what SIGINT or SIGP
 def available_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+def load_module(name: str) -> None:
+    """Run a module, by its file or its name: it registers experiments of the user's own.
+
+    By name in the end, from the file's folder, so that worker processes find what it defines.
+
+    Raises:
+        InputError: there is no such module, or it needs one that is not there.
+    """
+    path = Path(name)
+    folder, module = (path.parent, path.stem) if path.suffix == ".py" else (Path(), name)
+    if path.suffix == ".py" and not path.is_file():
+        raise InputError(f"{name} is not a file; name a module that registers experiments")
+    sys.path.append(str(folder.absolute()))
+    try:
+        found = importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(f"{name} cannot be loaded: {error}") from None
+    source = Path(getattr(found, "__file__", None) or "")
+    if path.suffix == ".py" and source.resolve() != path.resolve():
+        raise InputError(f"{name} has the name of a module that is in use; give it another")
 
 
 def _experiments(_args) -> None:
@@ -54,7 +79,9 @@ def settings_of(args) -> TrainSettings:
 def _train(args) -> None:
     settings = settings_of(args)
     out = Path(args.out or f"runs/{settings.experiment}/seed{settings.seed}")
-    from designrl.train import TrainingRun  # takes seconds, and wrong settings are known by now
+    if not args.dry_run and is_locked(out / ".lock"):
+        raise InputError(f"{out} is in use by another run; wait for it, or choose another --out")
+    from designrl.train import TrainingRun  # takes seconds, and so much is known by now
 
     run = TrainingRun(settings, out, args.workers, args.backend, args.resume, args.ray)
     if run.finished:
@@ -98,7 +125,10 @@ def _evaluate(args) -> None:
 
     from designrl.checkpoint import load
     from designrl.evaluation import evaluate
+    from designrl.recording.table import check_target, write_table
 
+    if args.output:
+        check_target(args.output)
     agent = load(args.file, args.experiment)
     with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
         result = evaluate(
@@ -111,27 +141,37 @@ def _evaluate(args) -> None:
             **({"lidar": args.lidar} if args.lidar else {}),
         )
     summary = result.summary()
+    if args.output:
+        write_table(result.table(), args.output)
     if args.json:
         print(json.dumps(summary))
         return
     print(
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
-        f"{summary['steps']:,} steps in {summary['seconds']:.1f} s"
+        f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
     )
 
 
 def _import(args) -> None:
-    from designrl.checkpoint import load_published, save
+    from designrl.checkpoint import fitting, load_published, save
 
     _require_new(args.output)
-    save(load_published(args.file, get_experiment(args.experiment)), args.output)
-    print(printable(f"{args.output} written"))
+    agent = load_published(args.file, get_experiment(args.experiment))
+    save(agent, args.output)
+    others = [name for name in fitting(len(agent.parameters)) if name != args.experiment]
+    doubt = "; by its size the file could as well be of " + " or ".join(others) if others else ""
+    print(printable(f"{args.output} written, as {args.experiment}{doubt}"))
 
 
 def _require_new(path: str) -> None:
     if os.path.lexists(path):  # a link that leads nowhere is something, too
         raise InputError(f"{path} exists already; remove it or choose another name")
+
+
+def _require_suffix(path: str, suffix: str) -> None:
+    if Path(path).suffix != suffix:
+        raise InputError(f"{path} would not be opened as what it is; give it a name in {suffix}")
 
 
 def _record(args) -> None:
@@ -145,8 +185,7 @@ def _record(args) -> None:
     check_episodes(args.episode + 1, args.seed)
     if args.output:
         _require_new(args.output)
-        if Path(args.output).suffix != ".mcap":
-            raise InputError(f"{args.output} would not be opened by Rerun; give it a name in .mcap")
+        _require_suffix(args.output, ".mcap")
     if args.video:
         from designrl.video import check_target, record_video
 
@@ -168,6 +207,9 @@ def _replay(args) -> None:
     if args.video:
         _film(args)
         return
+    for path, suffix in ((args.save, ".rrd"), (args.headless_screenshot, ".png")):
+        if path:
+            _require_suffix(path, suffix)
     from designrl.viewer import replay
     from designrl.viewer.web import ADDRESS, PORT
 
@@ -194,13 +236,38 @@ def _film(args) -> None:
 
 
 def _info(args) -> None:
+    from designrl.checkpoint import find
+
+    inside = (Path(args.file) / name for name in ("best.safetensors", "generations.mcap"))
+    for path in [path for path in inside if path.exists()] or [find(args.file)]:
+        _describe(path)
+
+
+def _describe(path: Path) -> None:
     from mcap.writer import MCAP0_MAGIC
 
-    if args.file.endswith(".mcap") or read_limited(args.file, 8).startswith(MCAP0_MAGIC):
+    if path.suffix == ".mcap" or read_limited(path, 8).startswith(MCAP0_MAGIC):
         from designrl.recording import describe
     else:
         from designrl.checkpoint import describe
-    print(describe(args.file))
+    print(describe(path))
+
+
+def _export(args) -> None:
+    from designrl.recording.table import check_target, table, write_table
+
+    check_target(args.output)
+    columns = table(args.file, args.episodes)
+    write_table(columns, args.output)
+    rows = len(next(iter(columns.values())))
+    print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns"))
+
+
+def _checkpoints(_args) -> None:
+    from designrl.checkpoint import published_agents
+
+    for name, score in published_agents().items():
+        print(f"{name:44} {score}")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -210,6 +277,14 @@ def parser() -> argparse.ArgumentParser:
         description="Reinforcement Learning for Improving Agent Design (Ha 2018): train, evaluate, "
         "record and replay agents that learn their body together with their policy.",
     )
+    top.add_argument(
+        "--load",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="first run a module or .py file that registers experiments of your own",
+    )
+    top.add_argument("--version", action="version", version=f"designrl {VERSION}")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, function, help: str) -> argparse.ArgumentParser:  # noqa: A002
@@ -264,7 +339,10 @@ def parser() -> argparse.ArgumentParser:
     )
 
     def agent_file(sub) -> None:
-        sub.add_argument("file", metavar="FILE", help="a checkpoint, or a 2018 .json")
+        about = (
+            "a checkpoint, a run's folder, one that `designrl checkpoints` lists, or a 2018 .json"
+        )
+        sub.add_argument("file", metavar="FILE", help=about)
         sub.add_argument("--experiment", help="what a 2018 .json was trained for")
         sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
 
@@ -272,6 +350,9 @@ def parser() -> argparse.ArgumentParser:
     agent_file(evaluate)
     evaluate.add_argument("--episodes", type=int, default=100, help="default: 100, as the paper")
     evaluate.add_argument("--json", action="store_true", help="print one JSON object")
+    evaluate.add_argument(
+        "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
+    )
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     workers(evaluate, evaluate)
 
@@ -317,8 +398,18 @@ def parser() -> argparse.ArgumentParser:
         "--port", type=int, metavar="N", help="of --web, which takes N and N + 1 (default: 9090)"
     )
 
-    info = command("info", _info, "tell what a checkpoint or recording holds")
+    export = command("export", _export, "write a recording's numbers as a table")
+    about = "a recording, or a run's folder: by generation learning curve, evaluations and body"
+    export.add_argument("file", metavar="FILE", help=about)
+    export.add_argument("-o", "--output", required=True, metavar="FILE.csv", help="also .parquet")
+    export.add_argument(
+        "--episodes", action="store_true", help="of a run, each episode of its evaluations instead"
+    )
+
+    info = command("info", _info, "tell what a checkpoint, a recording or a run's folder holds")
     info.add_argument("file", metavar="FILE")
+
+    command("checkpoints", _checkpoints, "list the published agents and their scores")
     return top
 
 
@@ -326,6 +417,8 @@ def main(argv: list[str] | None = None) -> None:
     """Run a command; wrong input ends with one sentence and exit code 2."""
     args = parser().parse_args(argv)
     try:
+        for module in args.load:
+            load_module(module)
         args.function(args)
         sys.stdout.flush()
     except InputError as error:
@@ -334,7 +427,17 @@ def main(argv: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
     except BrokenPipeError:  # `designrl ... | head`: the reader has left
-        for stream in (sys.stdout, sys.stderr):  # Python flushes them once more
-            with suppress(OSError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        _silence(sys.stdout, sys.stderr)
         sys.exit(EXIT_PIPE)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        _silence(sys.stdout)
+        remark("designrl: the output cannot be written (no space left); send it elsewhere")
+        sys.exit(EXIT_INPUT)
+
+
+def _silence(*streams) -> None:
+    for stream in streams:  # Python flushes them once more
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -4,9 +4,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Integral
+from pathlib import Path
 
 import numpy as np
 
+from designrl.checkpoint import load
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.settings import MAX_EPISODES
@@ -47,9 +49,20 @@ class Evaluation:
             "max": float(self.scores.max()),
             "scores": self.scores.tolist(),
             "steps": int(self.steps.sum()),
+            "lengths": self.steps.tolist(),
             "design": None if self.design is None else self.design.tolist(),
             "seconds": self.seconds,
             "backend": self.backend,
+        }
+
+    def table(self) -> dict[str, np.ndarray]:
+        """The episodes as columns (E,), for `designrl.recording.write_table` or pandas."""
+        count = len(self.scores)
+        return {
+            "episode": np.arange(count),
+            "seed": episode_seeds(self.seed, count),
+            "score": self.scores,
+            "length": self.steps,
         }
 
 
@@ -69,7 +82,7 @@ def check_episodes(episodes: int, seed: int) -> None:
 
 
 def evaluate(
-    agent: Agent,
+    agent: Agent | str | Path,
     episodes: int = 100,
     seed: int = 0,
     workers: int = 1,
@@ -80,7 +93,7 @@ def evaluate(
     """Score an agent over `episodes` episodes; the paper's scores are over 100.
 
     Args:
-        agent: from `designrl.load`.
+        agent: from `designrl.load`, or a checkpoint as that takes it.
         episodes: at least 1, at most MAX_EPISODES.
         seed: the same seed gives the same scores, for any number of workers.
         workers: threads of the engine, or processes of the reference, of which more than one need
@@ -89,9 +102,13 @@ def evaluate(
         progress: called with the number of episodes that have ended since its last call.
 
     Raises:
-        InputError: episodes, seed, workers or backend out of range.
+        InputError: episodes, seed, workers or backend out of range, or no agent.
     """
     check_episodes(episodes, seed)
+    if isinstance(agent, str | Path):
+        agent = load(agent)
+    if not isinstance(agent, Agent):
+        raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
     start = time.perf_counter()
     with Simulator(agent.experiment, backend, agent.network, workers, **env_kwargs) as simulator:
         result = simulator.rollout(

@@ -184,6 +184,9 @@ EXPERIMENTS: dict[str, Experiment] = {
 }
 
 
+PAPERS = tuple(EXPERIMENTS.values())  # as the package has them; their worlds are known to fit
+
+
 def register(experiment: Experiment) -> None:
     """Make an experiment of one's own known by its name.
 
@@ -208,5 +211,5 @@ def get_experiment(name: str | Experiment) -> Experiment:
     guess = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
         f"unknown experiment {name!r}; {guess}`designrl experiments` lists those there are, "
-        "`designrl.experiments.register` adds one"
+        "`designrl --load MODULE` reads a module that registers others"
     )

@@ -1,5 +1,6 @@
 """Files as a whole: written so that a kill loses nothing, read without taking all memory."""
 
+import fcntl
 import hashlib
 import os
 import re
@@ -49,6 +50,21 @@ def create_beside(path: Path) -> tuple[int, Path]:
     # A name that nobody can foresee, and only if nothing is there: no link leads elsewhere.
     temporary = path.with_name(f".new-{path.name}-{secrets.token_hex(8)}")
     return os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), temporary
+
+
+def is_locked(path: Path) -> bool:
+    """Another process, or another open file of this one, holds the lock of a file."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False
 
 
 def remove_unfinished(folder: Path, names: str) -> None:

@@ -70,12 +70,16 @@ def _simulation_speed(run: TrainingRun) -> tuple[str, float, float]:
     episodes = steps = 0
     with run.simulator() as simulator:
         simulator.rollout(candidates[:2], np.zeros((2, 1), dtype=int))  # starts the workers
+        count = max(run.workers, simulator.processes)
         start = time.perf_counter()
-        while (seconds := time.perf_counter() - start) < CALIBRATION_SECONDS:
-            seeds = np.arange(episodes, episodes + len(candidates))[:, None]
-            steps += int(simulator.rollout(candidates, seeds).steps.sum())
-            episodes += len(candidates)
-    return simulator.backend, steps / seconds, steps / episodes
+        while time.perf_counter() - start < CALIBRATION_SECONDS:
+            seeds = np.arange(episodes, episodes + count)[:, None]
+            began = time.perf_counter()
+            found = simulator.rollout(candidates[seeds[:, 0] % len(candidates)], seeds).steps
+            speed = found.sum() / (time.perf_counter() - began)
+            episodes, steps = episodes + count, steps + int(found.sum())
+            count *= 2  # a slow simulator gets few, a fast one as many as show its speed
+    return simulator.backend, speed, steps / episodes
 
 
 def recorded_bytes(run: TrainingRun, longest: int) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Integral, Real
 
 from designrl.errors import InputError
-from designrl.experiments import RECIPES, Experiment, get_experiment
+from designrl.experiments import RECIPES, Experiment, get_experiment, register
 
 _KINDS = {  # of a setting: what it may be, and what that is called
     bool: (bool, "true or false"),
@@ -15,6 +15,7 @@ _KINDS = {  # of a setting: what it may be, and what that is called
     float: (Real, "a number"),
     str: (str, "a text"),
 }
+ADAM_ALONE = ("sigma_learning_rate", "sigma_change_max", "sigma_decay")  # not in the plain form
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
 
@@ -66,6 +67,13 @@ class ReinforceSettings:
                 raise InputError(f"{name.replace('_', '-')} is {value!r}; it must be {words}")
             if hasattr(value, "item"):  # NumPy's numbers are no JSON
                 object.__setattr__(self, name, value.item())
+        for name in () if self.adam else ADAM_ALONE:
+            unset = getattr(ReinforceSettings, name), PLAIN_CHANGES.get(name)
+            if getattr(self, name) not in unset:
+                words = name.replace("_", "-")
+                raise InputError(
+                    f"{words} is part of the published rule; leave it out, or use adam"
+                )
 
     def learning_rate_at(self, generation: int) -> float:
         """The step size of an update, counted from 0."""
@@ -129,13 +137,16 @@ class TrainSettings(ReinforceSettings):
         """The settings of an experiment's recipe, with some changed.
 
         Args:
+            experiment: name, or an Experiment, which becomes known by its name.
             recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": ours,
                 one for every seed; "plain": the paper's numbers and equations 3 to 5 as written.
 
         Raises:
-            InputError: unknown experiment or recipe, or a value out of its range.
+            InputError: unknown experiment or recipe, an experiment with another's name, or a value
+                out of its range.
         """
         found = get_experiment(experiment)
+        register(found)
         if recipe not in (*RECIPES, "plain"):
             raise InputError(f"recipe is {recipe!r}; it must be one of {', '.join(RECIPES)}, plain")
         base = {**found.paper, **PLAIN_CHANGES} if recipe == "plain" else getattr(found, recipe)

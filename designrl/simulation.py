@@ -20,11 +20,11 @@ from numbers import Integral
 
 import gymnasium
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from designrl import engine, envs
 from designrl.errors import InputError
-from designrl.experiments import Experiment, Network, Shaping, get_experiment
+from designrl.experiments import PAPERS, Experiment, Network, Shaping, get_experiment
 from designrl.policy import Agent, noise_stds
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
@@ -70,6 +70,10 @@ class Episodes:
     network: Network
     env_kwargs: dict = field(default_factory=dict)  # of the environment
     shaping: Shaping | None = None  # changes of the rewards, if any
+    spec: EnvSpec = field(init=False)  # of the environment, which a worker need not have registered
+
+    def __post_init__(self):
+        object.__setattr__(self, "spec", gymnasium.spec(self.experiment.env_id))
 
 
 class Simulator(AbstractContextManager):
@@ -89,7 +93,8 @@ class Simulator(AbstractContextManager):
         backend: that runs.
 
     Raises:
-        InputError: an argument that is not one of these, or that the environment does not take.
+        InputError: an argument that is not one of these, or that the environment does not take; an
+            experiment whose environment, body and network do not fit each other.
 
     Use it as a context manager, or `close()` it, to end its worker processes.
     """
@@ -114,6 +119,8 @@ class Simulator(AbstractContextManager):
         self.workers = workers
         self._env_kwargs = env_kwargs
         self._parameters = self.experiment.parameters_with(self.network)
+        if self.experiment not in PAPERS:
+            check_world(self.experiment, self.network)
         if env_kwargs:  # otherwise the environment's module need not be loaded for what it takes
             creator = load_env_creator(gymnasium.spec(self.experiment.env_id).entry_point)
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
@@ -259,8 +266,8 @@ def run_reference(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(n, r) returns and (n, r) steps of some candidates in the Gymnasium environment."""
     returns, steps = np.empty(seeds.shape), np.empty(seeds.shape, dtype=np.int64)
-    env_id = episodes.experiment.env_id
-    with closing(gymnasium.make(env_id, disable_env_checker=True, **episodes.env_kwargs)) as env:
+    options = {"disable_env_checker": True, **episodes.env_kwargs}
+    with closing(gymnasium.make(episodes.spec, **options)) as env:
         for i, parameters in enumerate(candidates):
             agent = Agent(episodes.experiment, parameters, episodes.network)
             for j, seed in enumerate(seeds[i].tolist()):
@@ -282,6 +289,31 @@ def run_episode(
     if shaping and not free and total > shaping.solved_return:
         total += shaping.solved_bonus
     return total, steps
+
+
+def check_world(experiment: Experiment, network: Network) -> None:
+    """See that an experiment's environment has its body and what its network takes and gives.
+
+    Raises:
+        InputError: it does not, or it cannot be made.
+    """
+    name, env_id = experiment.name, experiment.env_id
+    design = np.ones(experiment.body.design.size)
+    try:
+        env = gymnasium.make(env_id, disable_env_checker=True, design=design)
+    except (InputError, gymnasium.error.Error, ImportError, TypeError) as error:
+        words = " ".join(str(error).split())
+        raise InputError(f"the environment {env_id} of {name} cannot be made: {words}") from None
+    with closing(env):
+        if getattr(env.unwrapped, "body", None) is not experiment.body:
+            raise InputError(f"the environment {env_id} does not have the body of {name}")
+        inputs = network.sizes[0] - (network.time_scale is not None)
+        shapes = env.observation_space.shape, env.action_space.shape
+    if shapes != ((inputs,), (network.sizes[-1],)):
+        raise InputError(
+            f"{env_id} has observations {shapes[0]} and actions {shapes[1]}; the network of {name} "
+            f"takes ({inputs},) and gives ({network.sizes[-1]},)"
+        )
 
 
 def engine_reason(experiment: Experiment, network: Network) -> str | None:

@@ -41,7 +41,14 @@ from test_recording import write_run  # noqa: E402
 
 from designrl import checkpoint  # noqa: E402
 from designrl.errors import InputError  # noqa: E402
-from designrl.recording import RunWriter, describe, read, record_rollout, schema_pb2  # noqa: E402
+from designrl.recording import (  # noqa: E402
+    RunWriter,
+    describe,
+    read,
+    record_rollout,
+    schema_pb2,
+    table,
+)
 from designrl.settings import TrainSettings  # noqa: E402
 from designrl.train import TrainingRun  # noqa: E402
 from designrl.viewer.data import log_recording  # noqa: E402
@@ -230,6 +237,8 @@ def read_recording(path: Path) -> None:
     """All that can be read of it, whatever else of it is refused."""
     recording = read(path)
     refused(describe, path)
+    refused(table, path)
+    refused(table, path, True)
     for topic in recording.topics:
         kind = schema_pb2.DESCRIPTOR.message_types_by_name.get(topic.strip("/").capitalize())
         for field in [*(kind.fields_by_name if kind else ()), "log_time"]:

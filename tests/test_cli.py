@@ -1,3 +1,4 @@
+import fcntl
 import json
 import subprocess
 import sys
@@ -6,8 +7,9 @@ import numpy as np
 import pytest
 
 import designrl
-from designrl.checkpoint import load, save
+from designrl.checkpoint import PRETRAINED, load, save
 from designrl.cli import main
+from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
 
@@ -48,6 +50,7 @@ def test_evaluate_prints_one_json_object_with_the_scores_that_python_gives(check
     assert result["mean"] == pytest.approx(np.mean(result["scores"]))
     assert (result["experiment"], result["episodes"], result["seed"]) == ("biped-morphology", 3, 7)
     assert len(result["design"]) == 8
+    assert result["lengths"] == expected.steps.tolist() and sum(result["lengths"]) > 3
     assert result.keys() == expected.summary().keys()
     assert result.keys() > {"std", "min", "max", "steps", "seconds"}
 
@@ -90,8 +93,15 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("train biped --workers 0 --out r", "at least 1"),
         ("info absent.mcap", "absent.mcap"),
         ("info empty.mcap", "not an MCAP file"),
-        ("record agent.safetensors -o r.txt", "name in .mcap"),
+        (
+            "record agent.safetensors -o r.txt",
+            "r.txt would not be opened as what it is; give it a name in .mcap",
+        ),
         ("record agent.safetensors -o r.mcap --episode -1", "--episode counts from 0"),
+        ("replay r.mcap --save r.png", "r.png would not be opened as what it is"),
+        ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
+        ("evaluate biped/seed99", "`designrl checkpoints` lists"),
+        ("train biped --recipe plain --sigma-change-max 0.1", "sigma-change-max is part of"),
         ("record agent.safetensors", "-o FILE.mcap, --video FILE.mp4, or both"),
         ("record agent.safetensors -o r.mcap --video r.avi", "no video; give it a name in .mp4"),
         ("replay r.mcap --at 3", "--headless-screenshot"),
@@ -143,6 +153,58 @@ def test_help_needs_no_heavy_import():
         "assert not {'torch', 'pybullet', 'rerun', 'Box2D'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, capsys):
+    main(["checkpoints"])
+    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    published = {path.relative_to(PRETRAINED) for path in PRETRAINED.glob("*/*.safetensors")}
+    assert {f"{name}.safetensors" for name in names} == set(map(str, published))
+    expected = load(PRETRAINED / f"{names[0]}.safetensors").parameters
+    np.testing.assert_array_equal(designrl.load(names[0]).parameters, expected)
+    (tmp_path / "run").mkdir()
+    checkpoint.rename(tmp_path / "run" / "best.safetensors")
+    assert designrl.load(tmp_path / "run").experiment.name == "biped-morphology"
+    main(["info", str(tmp_path / "run")])
+    assert "best.safetensors: checkpoint of biped-morphology" in capsys.readouterr().out
+
+
+def test_without_a_clone_is_said_where_the_published_agents_are(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("designrl.checkpoint.PRETRAINED", tmp_path / "pretrained")
+    where = "name pretrained/biped/seed0.safetensors in it"
+    assert where in refused(capsys, "evaluate", "biped/seed0")
+    assert "its folder pretrained" in refused(capsys, "checkpoints")
+
+
+def test_evaluate_takes_a_file_and_says_what_it_wants(checkpoint):
+    scores = designrl.evaluate(str(checkpoint), episodes=1).scores
+    assert scores == designrl.evaluate(load(checkpoint), episodes=1).scores
+    with pytest.raises(InputError, match="the agent is None; give one from designrl.load"):
+        designrl.evaluate(None)
+
+
+def test_import_says_which_experiments_a_file_does_not_tell_apart(tmp_path, capsys):
+    (tmp_path / "a.json").write_text(json.dumps([[0.0] * 2804, 1.0]))
+    words = ("import", str(tmp_path / "a.json"), "--experiment", "biped", "-o")
+    main([*words, str(tmp_path / "a.safetensors")])
+    assert "could as well be of biped-hardcore\n" in capsys.readouterr().out
+
+
+def test_a_busy_folder_is_said_at_once(tmp_path, capsys):
+    with (tmp_path / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        (tmp_path / "state.safetensors").touch()
+        assert "is in use by another run" in refused(capsys, "train", "biped", "--out", tmp_path)
+
+
+def test_a_full_disk_behind_the_output_is_one_sentence(checkpoint):
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "designrl", "info", checkpoint]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "designrl: the output cannot be written (no space left); send it elsewhere\n"
+    )
 
 
 def test_ctrl_c_while_the_package_is_imported_is_no_traceback():

@@ -1,6 +1,8 @@
 """The body, the experiment and the optimiser of docs/extending.md, in all parts of the house."""
 
 import dataclasses
+import sys
+from copy import copy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,11 +11,14 @@ import pytest
 from test_docs import ROOT, blocks
 
 import designrl
+from designrl.bodies.ant import ANT
 from designrl.bodies.walker import WALKER
+from designrl.checkpoint import save
 from designrl.cli import main
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, Experiment, Network, Shaping, register
 from designrl.files import file_hash
+from designrl.policy import Agent
 from designrl.recording import read, record_rollout
 from designrl.settings import TrainSettings
 from designrl.simulation import Simulator
@@ -112,6 +117,79 @@ def test_an_optimiser_of_ones_own_trains_and_resumes_to_the_same_bytes(page, tmp
     np.testing.assert_array_equal(mu[0], np.zeros(35))
 
 
-def test_two_experiments_cannot_share_a_name():
+def test_two_experiments_cannot_share_a_name(tmp_path):
+    other = Experiment("biped", "c", "x", "Any-v0", WALKER, Network((2, 1)), False)
     with pytest.raises(InputError, match="another experiment 'biped'"):
-        register(Experiment("biped", "c", "x", "Any-v0", WALKER, Network((2, 1)), False))
+        register(other)
+    with pytest.raises(InputError, match="another experiment 'biped'"):
+        TrainSettings.of(other)
+    with pytest.raises(InputError, match="another experiment 'biped'"):
+        save(Agent(other, np.zeros(3)), tmp_path / "a.safetensors")
+
+
+def test_settings_make_an_experiment_known_so_that_its_agents_are_read_back(tmp_path):
+    tenth = dataclasses.replace(NINTH, name="biped-tenth")
+    small = {"generations": 1, "population": 2, "rollouts": 1, "evaluation_episodes": 1}
+    TrainingRun(TrainSettings.of(tenth, **small), tmp_path).run()
+    assert designrl.load(tmp_path / "best.safetensors").experiment is tenth
+
+
+@pytest.mark.parametrize("backend", ["engine", "reference"])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"env_id": "Nowhere-v0"}, "Nowhere-v0 of biped-small-network cannot be made: .* exist"),
+        ({"env_id": "CartPole-v1"}, "cannot be made: .* unexpected keyword argument 'design'"),
+        ({"body": ANT}, "cannot be made: a design for this body has 8 scales"),
+        ({"body": copy(WALKER)}, "does not have the body of biped-small-network"),
+        ({"network": Network((23, 4))}, r"observations \(24,\) .* network of .* takes \(23,\)"),
+        ({"network": Network((24, 5))}, r"actions \(4,\); the network of .* gives \(5,\)"),
+    ],
+)
+def test_parts_that_do_not_fit_each_other_are_refused_before_any_episode(change, words, backend):
+    with pytest.raises(InputError, match=words):
+        Simulator(dataclasses.replace(NINTH, **change), backend)
+
+
+MODULE = """
+import gymnasium
+from designrl.bodies.walker import WALKER
+from designrl.envs.walker import Walker
+from designrl.experiments import Experiment, Network, register
+
+class Heavy(Walker):
+    pass
+
+gymnasium.register("HeavyWalker-v0", entry_point=Heavy, max_episode_steps=20)
+register(Experiment("heavy", "j", "Heavy", "HeavyWalker-v0", WALKER, Network((24, 4)), True))
+"""
+
+
+def test_commands_know_the_experiments_of_a_loaded_module_in_all_processes(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    Path("my_experiments.py").write_text(MODULE)
+    small = "--generations 1 --population 4 --rollouts 1 --evaluation-episodes 1 --out run"
+    main(f"--load my_experiments.py train heavy --workers 2 {small}".split())
+    words = ["--workers", "2", "--episodes", "3"]
+    main(["--load", "my_experiments", "evaluate", "run/best.safetensors", *words])
+    assert "heavy: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        ("no_such_module", "no_such_module cannot be loaded: No module named"),
+        ("no_such_file.py", "no_such_file.py is not a file"),
+        ("json.py", "json.py has the name of a module that is in use"),
+    ],
+)
+def test_a_module_that_cannot_be_loaded_is_refused(module, words, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    Path("json.py").write_text(MODULE)
+    with pytest.raises(SystemExit, match="2"):
+        main(["--load", module, "experiments"])
+    assert words in capsys.readouterr().err

@@ -218,25 +218,37 @@ def test_a_damaged_robot_is_one_sentence(robot, tmp_path, capfd, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("platform", "display"),
-    [("linux", None), ("linux", "DISPLAY"), ("linux", "WAYLAND_DISPLAY"), ("darwin", None)],
+    ("platform", "displays", "sentence"),
+    [
+        ("linux", {}, "there is no display .* --save"),
+        ("linux", {"DISPLAY": ":98765"}, "the display :98765 cannot be opened.* --save"),
+        ("linux", {"DISPLAY": "localhost:nonsense"}, "cannot be opened"),
+        ("linux", {"WAYLAND_DISPLAY": "gone"}, "the display gone cannot be opened"),
+        ("linux", {"WAYLAND_DISPLAY": "here"}, r"did not start \(it is broken\)"),
+        ("linux", {"DISPLAY": "127.0.0.1:{}.0"}, r"did not start \(it is broken\)"),
+        ("darwin", {}, r"did not start \(it is broken\)"),
+    ],
 )
-def test_without_a_display_is_said_what_to_do(platform, display, folder, monkeypatch):
+def test_without_a_display_that_opens_is_said_what_to_do(
+    platform, displays, sentence, folder, tmp_path, monkeypatch
+):
     class Stream(rr.RecordingStream):
         def spawn(self, **_):
             raise RuntimeError("it is broken")
 
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    if display:
-        monkeypatch.setenv(display, ":0")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("PATH", os.environ["PATH"])  # put back what the viewer adds
-    monkeypatch.setattr(viewer.sys, "platform", platform)
+    monkeypatch.setattr(viewer.display.sys, "platform", platform)
     monkeypatch.setattr(viewer.rr, "RecordingStream", Stream)
-    shown = display or platform != "linux"
-    sentence = r"did not start \(it is broken\)" if shown else "there is no display .* --save"
-    with pytest.raises(InputError, match=sentence):
-        viewer.replay([folder / "generations.mcap"])
+    with socket.create_server(("127.0.0.1", 0)) as x11, socket.socket(socket.AF_UNIX) as wayland:
+        wayland.bind(str(tmp_path / "here"))
+        wayland.listen()
+        for name, value in displays.items():
+            monkeypatch.setenv(name, value.format(x11.getsockname()[1] - 6000))
+        with pytest.raises(InputError, match=sentence):
+            viewer.replay([folder / "generations.mcap"])
 
 
 @pytest.mark.parametrize(

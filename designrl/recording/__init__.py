@@ -6,6 +6,7 @@
 
     recording = read(path)
     recording.array("/summary", "mean")    # (G,) float64
+    pandas.DataFrame(table(path))          # learning curve, evaluations and body by generation
 
 What the messages hold, with units, is in `schema.proto` beside this file.
 """
@@ -14,6 +15,7 @@ from designrl.recording.mcap_file import RecordingError
 from designrl.recording.reader import Recording, describe, read
 from designrl.recording.rollout import RolloutWriter, record_rollout
 from designrl.recording.run import RunWriter, thin
+from designrl.recording.table import table, write_table
 
 __all__ = [
     "Recording",
@@ -23,5 +25,7 @@ __all__ = [
     "describe",
     "read",
     "record_rollout",
+    "table",
     "thin",
+    "write_table",
 ]

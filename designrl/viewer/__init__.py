@@ -11,7 +11,6 @@ A run is on the timeline `generation`, a rollout on the timeline `time` (s of si
 """
 
 import os
-import sys
 import tempfile
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from designrl.files import write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
 from designrl.viewer.data import log_recording
+from designrl.viewer.display import require_display
 from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
 from designrl.viewer.picture import EXECUTABLE, take_picture
 from designrl.viewer.web import serve
@@ -75,7 +75,7 @@ def replay(
 
 
 def _open(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> None:
-    _require_display()
+    require_display()
     # Where the environment is not activated, Rerun would not find its own viewer.
     os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
     stream = rr.RecordingStream("designrl")
@@ -150,16 +150,6 @@ def _read_usable(paths: list[Path]) -> list[Recording]:
     if last and not recordings:
         raise last
     return recordings
-
-
-def _require_display() -> None:
-    # Rerun's viewer would end at once, and Rerun wait for it in vain, with pages of warnings.
-    variables = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-    if sys.platform == "linux" and not any(map(os.environ.get, variables)):
-        raise InputError(
-            "there is no display to open Rerun on; add --web, --save FILE.rrd or "
-            "--headless-screenshot FILE.png"
-        )
 
 
 def _check_targets(targets: list[Path], sources: list[Path]) -> None:

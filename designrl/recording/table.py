@@ -1,0 +1,143 @@
+"""Recordings as tables of plain columns: for CSV, Parquet, pandas or a spreadsheet."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from designrl.errors import InputError
+from designrl.files import write_atomically
+from designrl.recording import schema_pb2 as schema
+from designrl.recording.mcap_file import ROLLOUT, RUN, RecordingError
+from designrl.recording.reader import Recording, read
+
+SUFFIXES = (".csv", ".parquet")
+Table = dict[str, np.ndarray]
+
+
+def table(path: str | Path, episodes: bool = False) -> Table:
+    """A recording as columns of one length, which `pandas.DataFrame` takes as they are.
+
+    Args:
+        path: a recording, or the folder of a run.
+        episodes: of a run, a row for each episode of its evaluations.
+
+    Returns: of a run, a row for each generation: the fields of Summary (see `schema.proto`), the
+        mean, deviation and keeping of its evaluation, and each dimension of the body at μ, μ - σ
+        ("lower") and μ + σ ("upper"); NaN where a generation has none recorded. Of a rollout, a
+        row for each step: what was seen, done and earned.
+
+    Raises:
+        RecordingError: no such recording, or one with nothing of this or damaged.
+    """
+    path = Path(path)
+    recording = read(path / "generations.mcap" if path.is_dir() else path)
+    if recording.kind == RUN:
+        found = _evaluation_episodes(recording) if episodes else _generations(recording)
+    elif recording.kind == ROLLOUT and not episodes:
+        found = _steps(recording)
+    else:
+        raise RecordingError(f"{path} is no recording of {'a run' if episodes else 'ours'}")
+    if len({column.shape for column in found.values()}) != 1:
+        raise RecordingError(f"{path} has messages that do not fit each other; get it again")
+    return found
+
+
+def _generations(recording: Recording) -> Table:
+    found = _fields(recording, "/summary", schema.Summary)
+    rows = {generation: i for i, generation in enumerate(found["generation"].tolist())}
+
+    def add(topic: str, columns: Table) -> None:
+        at = [rows.get(generation) for generation in recording.array(topic, "generation").tolist()]
+        known = [i is not None for i in at]
+        for name, values in columns.items():
+            found[name] = np.full(len(found["generation"]), np.nan)
+            found[name][[i for i in at if i is not None]] = values[known]
+
+    if recording.topics.get("/evaluation"):
+        fields = {name: recording.array("/evaluation", name) for name in ("mean", "sd", "kept")}
+        add("/evaluation", {f"evaluation {name}": values for name, values in fields.items()})
+    if recording.topics.get("/design"):
+        for field, suffix in (("dimensions", ""), ("lower", " lower"), ("upper", " upper")):
+            columns = _named(recording, "/design", field)
+            add("/design", {f"{name}{suffix}": column for name, column in columns.items()})
+    return found
+
+
+def _evaluation_episodes(recording: Recording) -> Table:
+    fields = ("scores", "steps", "seeds")
+    scores, steps, seeds = (list(recording.array("/evaluation", name)) for name in fields)
+    sizes = [len(row) for row in scores]
+    if not sizes:
+        raise RecordingError(f"{recording.path} has no evaluation; export it without episodes")
+    return {
+        "generation": np.repeat(recording.array("/evaluation", "generation"), sizes),
+        "episode": np.concatenate([np.arange(size) for size in sizes]),
+        "seed": np.concatenate(seeds),
+        "score": np.concatenate(scores),
+        "length": np.concatenate(steps),
+    }
+
+
+def _steps(recording: Recording) -> Table:
+    found = {"step": recording.array("/reward", "step")}
+    found |= {name: recording.array("/reward", name) for name in ("reward", "total")}
+    for topic, field, prefix in (
+        ("/reward", "terms", "reward"),
+        ("/observation", "values", "observation"),
+        ("/action", "values", "action"),
+        ("/joints", "angles", "angle"),
+        ("/joints", "speeds", "speed"),
+        ("/joints", "torques", "torque"),
+        ("/contacts", "touching", "contact"),
+    ):
+        if recording.topics.get(topic):
+            columns = _named(recording, topic, field)
+            found |= {f"{prefix}: {name}": column for name, column in columns.items()}
+    return found
+
+
+def _fields(recording: Recording, topic: str, kind) -> Table:
+    return {f.name: recording.array(topic, f.name) for f in kind.DESCRIPTOR.fields}
+
+
+def _named(recording: Recording, topic: str, field: str) -> Table:
+    """A column for each element of an array."""
+    names, values = recording.names(topic), recording.array(topic, field)
+    if values.ndim != 2 or values.shape[1] != len(names):
+        raise RecordingError(f"{topic} in {recording.path} does not fit its names; get it again")
+    return dict(zip(names, values.T, strict=True))
+
+
+def check_target(path: str | Path) -> None:
+    """Raise InputError where no table can be written under that name."""
+    if Path(path).suffix not in SUFFIXES:
+        raise InputError(f"{path} would be no table; give it a name in {' or '.join(SUFFIXES)}")
+    if Path(path).exists():
+        raise InputError(f"{path} exists already; remove it or choose another name")
+
+
+def write_table(columns: Table, path: str | Path) -> None:
+    """Write columns as .csv (UTF-8, a header, nothing where a number is NaN) or as .parquet.
+
+    Raises:
+        InputError: another suffix, a file that exists, or that cannot be written.
+    """
+    check_target(path)
+    if Path(path).suffix == ".parquet":
+        import pyarrow
+        import pyarrow.parquet
+
+        file = pyarrow.BufferOutputStream()
+        pyarrow.parquet.write_table(pyarrow.table(columns), file)
+        write_atomically(path, file.getvalue())
+        return
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    lists = (column.tolist() for column in columns.values())
+    writer.writerows(
+        ["" if value != value else value for value in row] for row in zip(*lists, strict=True)
+    )
+    write_atomically(path, text.getvalue().encode())
