@@ -16,35 +16,46 @@
 #                                    watches memory and undefined behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make bench                       speeds as ratios to a named baseline
-PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
-CXX ?= g++
 VENV := .venv
 BIN := $(VENV)/bin
+SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+# What .venv holds, else the first that runs: a pyenv shim is found and need not.
+PYTHON ?= $(or $(wildcard $(BIN)/python),$(shell for p in python3.11 python3.12 python3.13 python3; do \
+  $$p -c '$(SUPPORTED)' 2>/dev/null && { echo $$p; break; }; done),python3)
+CXX ?= g++
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
+# Where Python or CFLAGS allow fused products (-march=native), Box2D and PyBullet would have other bits.
+EXACT := CFLAGS="$$CFLAGS -ffp-contract=off" CXXFLAGS="$$CXXFLAGS -ffp-contract=off"
 ENGINE_SOURCES := setup.py $(shell find designrl/engine/native -type f)
 
 export ZOO BACKEND
-# box2d-py's build calls swig, which pip has put there.
+# box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup test bench lint reproduce FORCE gallery zoo verify-zoo transfer verify-engine sanitize-engine verify-resume \
-  fuzz clean
+.PHONY: setup same-python test bench lint reproduce FORCE gallery zoo verify-zoo transfer \
+  verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
 
-$(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES)
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
-	  echo "designrl: Python 3.11 is needed and $(PYTHON) is not it; install it, or name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
+same-python:
+	@test ! -x $(BIN)/python || test "$$($(PYTHON) -V 2>&1)" = "$$($(BIN)/python -V 2>&1)" || { \
+	  echo "designrl: $(VENV) was made with $$($(BIN)/python -V) and PYTHON=$(PYTHON) is not that; remove it with make clean" >&2; exit 1; }
+
+$(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES) | same-python
+	@$(PYTHON) -c '$(SUPPORTED)' 2>/dev/null || { \
+	  echo "designrl: Python 3.11, 3.12 or 3.13 is needed and $(PYTHON) is not it; install one, or name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
-	  echo "designrl: $(PYTHON) cannot make virtual environments; install its venv package (Debian: python3.11-venv)" >&2; exit 1; }
+	  echo "designrl: $(PYTHON) cannot make virtual environments; install its venv package (Debian: $(notdir $(PYTHON))-venv)" >&2; exit 1; }
+	@$(PYTHON) -c 'import os, sysconfig; os.stat(sysconfig.get_path("include") + "/Python.h")' 2>/dev/null || { \
+	  echo "designrl: the headers of $(PYTHON) are needed to build box2d-py; install them (Debian: $(notdir $(PYTHON))-dev)" >&2; exit 1; }
 	@command -v $(firstword $(CXX)) >/dev/null || { \
 	  echo "designrl: a C++ compiler is needed to build box2d-py and $(firstword $(CXX)) was not found; install g++, or name one with make CXX=..." >&2; exit 1; }
 	@test -x $(BIN)/python || { echo "designrl: making the virtual environment $(VENV)"; $(PYTHON) -m venv $(VENV); }
-	@echo "designrl: installing the pinned dependencies (some minutes the first time; box2d-py is compiled)"
-	@grep -E '^(swig|setuptools|wheel)==' requirements.lock > $(VENV)/build-tools.lock
+	@echo "designrl: installing the pinned dependencies (some minutes the first time; box2d-py is compiled, and after Python 3.11, for which the last wheel is, PyBullet)"
+	@grep -E '^(swig|setuptools|wheel|numpy)==' requirements.lock > $(VENV)/build-tools.lock
 	@$(PIP) install --quiet -r $(VENV)/build-tools.lock
-	@$(PIP) install --quiet --no-build-isolation -r requirements.lock
+	@$(EXACT) $(PIP) install --quiet --no-build-isolation -r requirements.lock
 	@echo "designrl: building the package and its engine"
 	@$(PIP) install --quiet --no-build-isolation --no-deps \
 	  --config-settings editable_mode=compat --editable .

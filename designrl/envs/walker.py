@@ -1,5 +1,8 @@
 """BipedalWalker with learnable legs: Gymnasium's walker on legs of any size."""
 
+from functools import reduce
+from operator import add
+
 import numpy as np
 from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
 from gymnasium import spaces
@@ -219,7 +222,9 @@ class Walker(BipedalWalker):
         else:
             terms["progress"] = 130 / SCALE * (x - self._x)
             terms["posture"] = -5.0 * (tilt - self._tilt)
-            terms["energy"] = -0.00035 * MOTORS_TORQUE * sum(min(abs(a), 1.0) for a in action)
+            # Not sum(): from Python 3.12 on it rounds otherwise.
+            work = reduce(add, (min(abs(a), 1.0) for a in action))
+            terms["energy"] = -0.00035 * MOTORS_TORQUE * work
             if self.leg_area_reward:
                 terms["leg_area"] = reward * (self._reward_factor - 1.0)
                 reward *= self._reward_factor
