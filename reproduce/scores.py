@@ -179,7 +179,7 @@ def compare_with_reference(played: list[Score]) -> None:
     """
     tasks = [(i,) for i in range(len(played))]
     workers = ProcessWorkers(min(len(os.sched_getaffinity(0)), len(played)))
-    agents = [(s.agent.experiment, s.agent.network, s.agent.parameters) for s in played]
+    agents = [(s.agent.experiment.name, s.agent.network, s.agent.parameters) for s in played]
     with (
         closing(workers),
         tqdm(tasks, "on the reference, too", leave=False, disable=None if tasks else True) as bar,
