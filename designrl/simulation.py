@@ -305,7 +305,7 @@ def check_world(experiment: Experiment, network: Network) -> None:
         words = " ".join(str(error).split())
         raise InputError(f"the environment {env_id} of {name} cannot be made: {words}") from None
     with closing(env):
-        if getattr(env.unwrapped, "body", None) is not experiment.body:
+        if getattr(env.unwrapped, "body", None) != experiment.body:
             raise InputError(f"the environment {env_id} does not have the body of {name}")
         inputs = network.sizes[0] - (network.time_scale is not None)
         shapes = env.observation_space.shape, env.action_space.shape

@@ -1,8 +1,8 @@
 """The body, the experiment and the optimiser of docs/extending.md, in all parts of the house."""
 
 import dataclasses
+import pickle
 import sys
-from copy import copy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,6 +25,12 @@ from designrl.simulation import Simulator
 from designrl.train import TrainingRun
 from designrl.viewer import replay
 
+
+class WiderBody(type(WALKER)):
+    name = "wider"
+
+
+WIDER = WiderBody()
 # The walker with a smaller network, on hardcore ground.
 NINTH = Experiment(
     "biped-small-network",
@@ -141,7 +147,7 @@ def test_settings_make_an_experiment_known_so_that_its_agents_are_read_back(tmp_
         ({"env_id": "Nowhere-v0"}, "Nowhere-v0 of biped-small-network cannot be made: .* exist"),
         ({"env_id": "CartPole-v1"}, "cannot be made: .* unexpected keyword argument 'design'"),
         ({"body": ANT}, "cannot be made: a design for this body has 8 scales"),
-        ({"body": copy(WALKER)}, "does not have the body of biped-small-network"),
+        ({"body": WIDER}, "does not have the body of biped-small-network"),
         ({"network": Network((23, 4))}, r"observations \(24,\) .* network of .* takes \(23,\)"),
         ({"network": Network((24, 5))}, r"actions \(4,\); the network of .* gives \(5,\)"),
     ],
@@ -163,6 +169,12 @@ class Heavy(Walker):
 gymnasium.register("HeavyWalker-v0", entry_point=Heavy, max_episode_steps=20)
 register(Experiment("heavy", "j", "Heavy", "HeavyWalker-v0", WALKER, Network((24, 4)), True))
 """
+
+
+def test_an_experiment_from_another_process_is_the_same(capfd):
+    agent = pickle.loads(pickle.dumps(Agent(NINTH, np.zeros(NINTH.num_parameters))))
+    assert agent.experiment == NINTH and TrainSettings.of(agent.experiment)
+    assert len(designrl.evaluate(agent, episodes=1).scores) == 1
 
 
 def test_commands_know_the_experiments_of_a_loaded_module_in_all_processes(

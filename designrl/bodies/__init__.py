@@ -54,6 +54,12 @@ class Body:
     rollout_eye: Eye = ((-1.5, -2.7, 1.4), (0.1, 0, -0.1))
     design_eye: Eye = ((-1.2, -1.9, 1.9), (-1.2, -0.1, -0.1))
 
+    def __eq__(self, other):  # a copy that comes from another process is the same body
+        return type(self) is type(other) and self.name == other.name
+
+    def __hash__(self):
+        return hash(self.name)
+
     @property
     def limbs(self) -> dict[str, list[int]]:
         return {self.name: list(range(self.design.size))}
