@@ -2,6 +2,8 @@ import gc
 import json
 import subprocess
 import sys
+from functools import reduce
+from operator import add
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -113,7 +115,7 @@ def test_reward_terms_add_up_to_the_reward_and_are_what_the_observation_shows():
         observation, reward, terminated, truncated, info = env.step(action)
         terms = info["reward_terms"]
         assert tuple(terms) == REWARD_TERMS
-        assert sum(terms.values()) == reward
+        assert reduce(add, terms.values()) == reward
         positions, speeds = observation[8:24:2], observation[9:24:2]
         if np.abs(observation).max() < 5:
             assert terms["electricity"] == pytest.approx(-2 * np.abs(action * speeds).mean(), 1e-5)
