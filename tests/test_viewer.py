@@ -24,7 +24,7 @@ from designrl.bodies import rotate
 from designrl.bodies.robot import _quaternion
 from designrl.bodies.walker import WalkerBody
 from designrl.errors import InputError
-from designrl.recording import read, record_rollout
+from designrl.recording import RunWriter, read, record_rollout
 from designrl.recording.mcap_file import McapFile
 from designrl.viewer import data, layout, web
 from designrl.viewer import picture as picture_module
@@ -458,3 +458,13 @@ def test_a_picture_shows_body_ground_and_plots(folder, tmp_path, monkeypatch):
     assert _share(picture, (90, 55, 140), (180, 130, 255)) > 0.3  # hull
     assert _share(picture, (200, 200, 240), (230, 230, 255)) > 20  # sky
     assert _share(picture[650:], (70, 160, 210), (100, 200, 250)) > 0.02  # the first lines' blue
+
+
+@pytest.mark.parametrize("settings", ['{"seed": 1', "[1]", "[" * 100_000])
+def test_a_run_whose_settings_are_damaged_is_shown_without_them(settings, tmp_path):
+    numbers = np.zeros(2812), np.ones(2812), *(np.ones((2, 1), int) for _ in range(3))
+    about = {"experiment": "biped-morphology", "settings": settings}
+    with RunWriter(tmp_path / "g.mcap", about) as writer:
+        writer.generation(0, *numbers, 1.0, 2)
+    viewer.replay([tmp_path / "g.mcap"], save=tmp_path / "g.rrd")
+    assert (tmp_path / "g.rrd").stat().st_size > 1000

@@ -71,6 +71,14 @@ class Recording(Scan):
                 found |= values  # of a rollout, the score comes at the end
         return found
 
+    def about(self, key: str) -> dict:
+        """A JSON object of the metadata; an empty one where there is none, or a damaged one."""
+        try:
+            found = json.loads(self.metadata.get(key, "{}"))
+        except (ValueError, RecursionError):
+            return {}
+        return found if isinstance(found, dict) else {}
+
     @property
     def complete(self) -> bool:
         """The file is whole, and so is the run or rollout in it."""

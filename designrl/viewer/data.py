@@ -1,6 +1,5 @@
 """What a recording holds, as Rerun entities: curves, poses, rays."""
 
-import json
 from xml.etree.ElementTree import ParseError
 
 import numpy as np
@@ -175,7 +174,7 @@ def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> 
 def _times(recording: Recording, topic: str) -> list[rr.TimeColumn]:
     seconds = recording.array(topic, "log_time") / 1e9
     times = [rr.TimeColumn(TIME, duration=seconds)]
-    generation = json.loads(recording.metadata.get("agent", "{}")).get("generation")
+    generation = recording.about("agent").get("generation")
     if isinstance(generation, int):
         # An agent says how many generations are done; a run's messages count from 0.
         index = np.full(len(seconds), generation - 1)

@@ -1,6 +1,5 @@
 """What goes where on the screen: a Rerun blueprint for a set of recordings."""
 
-import json
 import math
 
 import rerun as rr
@@ -8,7 +7,7 @@ import rerun.blueprint as rrb
 
 from designrl.bodies import SKY_COLOR, Body
 from designrl.errors import InputError
-from designrl.experiments import get_experiment
+from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.recording import Recording
 
 GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
@@ -35,8 +34,8 @@ def body_of(recording: Recording) -> Body:
         return get_experiment(name).body
     except InputError:
         raise InputError(
-            f"{recording.path} is of the experiment {name!r}, which is not known here; register "
-            "it first (designrl.experiments.register)"
+            f"{recording.path} is of the experiment {name!r}, which is not known here; name the "
+            "module that registers it with --load MODULE"
         ) from None
 
 
@@ -85,7 +84,7 @@ def tab_titles(recordings: list[Recording]) -> list[str]:
 def origin(recording: Recording) -> tuple[str, str]:
     """Experiment and seed of the run, and the generation, where the recording knows them."""
     about = recording.metadata
-    agent = about if recording.kind == "run" else json.loads(about.get("agent", "{}"))
+    agent = about if recording.kind == "run" else recording.about("agent")
     seed, generation = (agent.get(key) for key in ("seed", "generation"))
     run = str(about.get("experiment")) + (f" seed {seed}" if seed is not None else "")
     is_rollout = recording.kind == "rollout" and generation is not None
@@ -155,10 +154,11 @@ def run_layout(recording: Recording, name: str, title: str) -> rrb.Container:
 
 def training_changes(recording: Recording) -> list[str]:
     """What a run's training changes of the environment's rewards, in words."""
-    experiment = get_experiment(recording.metadata["experiment"])
+    experiment = EXPERIMENTS.get(recording.metadata.get("experiment"))
+    if experiment is None:
+        return []
     words = [name.replace("_", " ") for name in experiment.training_kwargs]
-    settings = json.loads(recording.metadata.get("settings", "{}"))
-    if (shaping := experiment.shaping) and settings.get("shaped_rewards", True):
+    if (shaping := experiment.shaping) and recording.about("settings").get("shaped_rewards", True):
         words.append(f"a {shaping.free_term} costs nothing")
         words.append(f"over {shaping.solved_return:g} earns {shaping.solved_bonus:g} more")
     return words
