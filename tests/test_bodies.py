@@ -69,9 +69,9 @@ def test_poses_put_the_body_where_it_is():
     assert np.isclose(2 * np.arctan2(-turn[1], turn[3]), inner.legs[0].angle - inner.hull.angle)
 
 
-def test_a_recording_of_an_unknown_experiment_says_to_register_it(tmp_path):
+def test_a_recording_of_an_unknown_experiment_says_to_name_its_module(tmp_path):
     experiment = dataclasses.replace(EXPERIMENTS["biped"], name="my-biped")
     agent = Agent(experiment, np.zeros(experiment.num_parameters))
     record_rollout(agent, tmp_path / "a.mcap", seed=0)
-    with pytest.raises(InputError, match="'my-biped', which is not known here; register it"):
+    with pytest.raises(InputError, match="'my-biped', which is not known here; name the module"):
         viewer.replay([tmp_path / "a.mcap"], save=tmp_path / "a.rrd")
