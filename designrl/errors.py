@@ -2,15 +2,19 @@
 
 import sys
 
-MAX_SENTENCE = 2000  # characters that are printed of one
+MAX_SENTENCE = 2000  # characters of one that are kept
 
 
 class InputError(ValueError):
     """Input that cannot be used: a file, a design, a name, a folder, a full disk.
 
     The message is one sentence that names the thing and what to do about it. The command line
-    prints it and exits with code 2.
+    prints it and exits with code 2. Of a long one, its two ends are kept: a stranger's file may be
+    quoted in it.
     """
+
+    def __init__(self, sentence: str):
+        super().__init__(_shortened(sentence))
 
 
 def printable(text: str) -> str:
@@ -20,7 +24,9 @@ def printable(text: str) -> str:
 
 def remark(text: str) -> None:
     """Print a sentence on stderr, in one line."""
-    text, half = printable(text), MAX_SENTENCE // 2
-    if len(text) > MAX_SENTENCE:
-        text = f"{text[:half]} … {text[-half:]}"
-    print(text, file=sys.stderr)
+    print(_shortened(printable(text)), file=sys.stderr)
+
+
+def _shortened(sentence: str) -> str:
+    half = MAX_SENTENCE // 2
+    return sentence if len(sentence) <= 2 * half else f"{sentence[:half]} … {sentence[-half:]}"
