@@ -49,8 +49,7 @@ def find(name: str | Path) -> Path:
     path = Path(name)
     if (path / "best.safetensors").is_file():
         return path / "best.safetensors"
-    is_name = str(path.parent) in EXPERIMENTS and re.fullmatch(r"seed\d+", path.name)
-    if path.is_file() or not is_name:
+    if path.is_file() or not _is_name(path):
         return path
     if not PRETRAINED.is_dir():
         raise InputError(
@@ -61,6 +60,17 @@ def find(name: str | Path) -> Path:
     if not published.is_file():
         raise InputError(f"there is no agent {name}; `designrl checkpoints` lists those there are")
     return published
+
+
+def find_run(name: str | Path) -> Path:
+    """The run or recording that is meant: itself, or in a clone the published run of that name."""
+    published = PRETRAINED.parent / "logs" / name
+    meant = _is_name(Path(name)) and published.is_dir() and not Path(name).exists()
+    return published if meant else Path(name)
+
+
+def _is_name(path: Path) -> bool:
+    return str(path.parent) in EXPERIMENTS and bool(re.fullmatch(r"(paper-)?seed\d+", path.name))
 
 
 def published_agents() -> dict[str, str]:
@@ -76,7 +86,7 @@ def published_agents() -> dict[str, str]:
         )
     found = {}
     for experiment in EXPERIMENTS:
-        cards = (PRETRAINED / experiment).glob("seed*.md")
+        cards = (PRETRAINED / experiment).glob("*seed*.md")
         for card in sorted(cards, key=lambda path: (len(path.name), path.name)):
             score = re.search(r"\*\*Score\*\* (.+?) over (\S+)", card.read_text(encoding="utf-8"))
             found[f"{experiment}/{card.stem}"] = "{} over {} episodes".format(*score.groups())

@@ -204,6 +204,9 @@ def _record(args) -> None:
 
 
 def _replay(args) -> None:
+    from designrl.checkpoint import find_run
+
+    args.files = [find_run(file) for file in args.files]
     if args.video:
         _film(args)
         return
@@ -374,7 +377,9 @@ def parser() -> argparse.ArgumentParser:
     )
 
     replay = command("replay", _replay, "open recordings in Rerun")
-    replay.add_argument("files", nargs="+", metavar="FILE.mcap", help="recordings or run folders")
+    replay.add_argument(
+        "files", nargs="+", metavar="FILE.mcap", help="recordings, run folders or names"
+    )
     replay.add_argument("--save", metavar="FILE.rrd", help="write a Rerun file, open nothing")
     replay.add_argument("--headless-screenshot", metavar="FILE.png", help="write a picture")
     replay.add_argument(

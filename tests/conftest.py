@@ -6,8 +6,8 @@ import pytest
 from designrl.checkpoint import load
 from designrl.published import published, zoo_folder
 
-# Nobody watches: without a window, SDL loads no OpenGL driver, whose LLVM (Mesa's) crashes the one of
-# Triton, which comes with PyTorch's CUDA build.
+# Nobody watches: without a window, SDL loads no OpenGL driver, whose LLVM (Mesa's) crashes the one
+# of Triton, which comes with PyTorch's CUDA build.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 # A script's background process ignores Ctrl-C, and its children do; the tests of it need it.

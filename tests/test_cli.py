@@ -169,6 +169,14 @@ def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, cap
     assert "best.safetensors: checkpoint of biped-morphology" in capsys.readouterr().out
 
 
+def test_replay_finds_a_published_run_by_name(tmp_path, capsys, monkeypatch):
+    name = next(path.relative_to(PRETRAINED).with_suffix("") for path in PRETRAINED.glob("*/*.md"))
+    monkeypatch.chdir(tmp_path)
+    main(["replay", str(name), "--save", "run.rrd"])
+    assert capsys.readouterr().out == "run.rrd written\n"
+    assert "seed77 cannot be read" in refused(capsys, "replay", "biped/seed77", "--save", "b.rrd")
+
+
 def test_without_a_clone_is_said_where_the_published_agents_are(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("designrl.checkpoint.PRETRAINED", tmp_path / "pretrained")
     where = "name pretrained/biped/seed0.safetensors in it"
