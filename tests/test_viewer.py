@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
+import rerun.blueprint as rrb
 from PIL import Image
 from test_recording import random_agent, write_run
 
@@ -26,7 +27,7 @@ from designrl.bodies.walker import WalkerBody
 from designrl.errors import InputError
 from designrl.recording import RunWriter, read, record_rollout
 from designrl.recording.mcap_file import McapFile
-from designrl.viewer import data, layout, web
+from designrl.viewer import layout, web
 from designrl.viewer import picture as picture_module
 from designrl.viewer.picture import EXECUTABLE, NO_DRIVER, NO_DRIVER_MESSAGE
 
@@ -305,14 +306,25 @@ def test_a_full_disk_is_one_sentence_and_leaves_nothing(option, folder, tmp_path
     assert list(target.parent.iterdir()) == []
 
 
-def test_a_rollout_stands_at_the_index_of_its_generation(folder, tmp_path):
-    agent = random_agent("biped-morphology")
-    agent.metadata["generation"] = 12
-    path = tmp_path / "generation00012.mcap"
-    record_rollout(agent, path, seed=0)
-    run, rollout = read(folder / "generations.mcap"), read(path)
-    column = data._times(rollout, "/tf")[1]
-    assert set(column.as_arrow_array().to_pylist()) == {run.generations[-1]} == {11}
+def test_a_tab_on_another_timeline_than_the_first_says_so(folder):
+    run, *rollouts = map(read, viewer.find_recordings([folder]))
+    for order, hint in (([run, *rollouts], "rollout"), ([*rollouts, run], "run")):
+        tabs = layout.blueprint(order, ["a", "b", "c"]).root_container.contents
+        for tab, recording in zip(tabs, order, strict=True):
+            first_view = tab
+            while isinstance(first_view, rrb.Container):
+                first_view = first_view.contents[0]
+            assert (layout.HINTS[hint] in first_view.name) == (recording.kind == hint)
+
+
+def test_beside_a_run_a_rollouts_body_stands_from_the_first_generation_on(folder, tmp_path):
+    viewer.replay([folder], save=tmp_path / "a.rrd")
+    text = rerun("rrd", "print", "-vvv", tmp_path / "a.rrd").stdout
+    poses = [chunk for chunk in text.split("Chunk(") if "entity_path: /generation00010" in chunk]
+    poses = [chunk for chunk in poses if "Transform3D:quaternion" in chunk]
+    assert len(poses) == 5  # hull and legs
+    for chunk in poses:
+        assert "index_name: generation" in chunk and re.search(r"row_\w+ +┆ 0 ", chunk)
 
 
 # ------------------------------------------------------------------------- in a browser

@@ -14,7 +14,7 @@ from designrl.viewer.layout import GENERATION, TIME, body_of, entity
 MAX_FIGURES = 300  # bodies of a run that are drawn, evenly spaced over its generations
 RED = (255, 60, 60)
 PALETTE = np.array(
-    [  # eight colors that remain apart for the color-blind (after Okabe and Ito), lightened
+    [  # nine colors that remain apart for the color-blind (after Okabe and Ito), lightened
         (86, 180, 233),
         (230, 159, 0),
         (0, 178, 135),
@@ -23,6 +23,7 @@ PALETTE = np.array(
         (213, 94, 0),
         (120, 140, 255),
         (200, 200, 200),
+        (150, 100, 80),
     ],
     dtype=np.uint8,
 )
@@ -92,6 +93,9 @@ def log_run(stream: rr.RecordingStream, recording: Recording, name: str) -> None
         stream.send_columns(path, times, rr.Scalars.columns(scalars=scores))
         best = np.maximum.accumulate(scores)
         _series(stream, f"{name}/evaluation/best", times, best, ["best so far"], {"colors": orange})
+        # Rerun counts an axis from its first value on: without this, in 99, 1099, 2099.
+        start = [rr.TimeColumn(GENERATION, sequence=[0])]
+        stream.send_columns(f"{name}/evaluation/best", start, rr.Scalars.columns(scalars=[np.nan]))
     if recording.topics.get("/design"):
         _log_design(stream, recording, name)
 
@@ -137,12 +141,13 @@ def _within(limb: str, name: str) -> str:
 def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
     """Body, ground, LIDAR and plots of a rollout, on the timeline `time`.
 
-    A rollout of a run is on the timeline `generation`, too, all of it at its generation's index:
-    beside a learning curve, the body stands where its rollout ended.
+    The body is on the timeline `generation`, too: beside a run, which is on that one, it stands where
+    its rollout ended.
     """
     world = f"{name}/world"
     stream.log(world, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     times, paths = _times(recording, "/tf"), {"world": world}
+    times.append(rr.TimeColumn(GENERATION, sequence=np.zeros(recording.topics["/tf"], np.int64)))
     robot = Robot(recording.first("/robot_description"))
     courses = []
     for part, (parent, positions, quaternions) in recording.transforms().items():
@@ -172,14 +177,7 @@ def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> 
 
 
 def _times(recording: Recording, topic: str) -> list[rr.TimeColumn]:
-    seconds = recording.array(topic, "log_time") / 1e9
-    times = [rr.TimeColumn(TIME, duration=seconds)]
-    generation = recording.about("agent").get("generation")
-    if isinstance(generation, int):
-        # An agent says how many generations are done; a run's messages count from 0.
-        index = np.full(len(seconds), generation - 1)
-        times.append(rr.TimeColumn(GENERATION, sequence=index))
-    return times
+    return [rr.TimeColumn(TIME, duration=recording.array(topic, "log_time") / 1e9)]
 
 
 def _smooth_height(positions: np.ndarray) -> np.ndarray:

@@ -12,10 +12,15 @@ from designrl.recording import Recording
 
 GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
 RUN_SECONDS = 30.0  # s of a viewer's time to play a whole run
-NEAR_CURSOR = (-4.0, 1.0, 3.5)  # s from the cursor: first and last data shown, end of the axis
+NEAR_CURSOR = (-4.0, 1.0, 4.5)  # s from the cursor: first and last data shown, end of the axis
 # Left free beside a plot's data, for its legend, as a share of the data: wide plots, narrow ones.
 WIDE, NARROW = 0.25, 0.55
 LEGEND = rrb.Corner2D.RightTop  # there
+# All tabs have one timeline; of a tab that is on another one than the first, its title says so.
+HINTS = {
+    "run": f' (to see it, choose "{GENERATION}" instead of "{TIME}" below)',
+    "rollout": f' (to play it, choose "{TIME}" instead of "{GENERATION}" below)',
+}
 
 
 def entity(*names: str) -> str:
@@ -55,9 +60,10 @@ def blueprint(
     for recording in recordings:
         if recording.kind not in makers:
             raise InputError(f"{recording.path} is not a recording of designrl; name one of those")
-    titles = tab_titles(recordings)
-    tabs = [makers[r.kind](r, *about) for r, *about in zip(recordings, names, titles, strict=True)]
-    first = recordings[0]
+    first, titles = recordings[0], tab_titles(recordings)
+    hints = ["" if r.kind == first.kind else HINTS[r.kind] for r in recordings]
+    each = zip(recordings, names, titles, hints, strict=True)
+    tabs = [makers[r.kind](r, *about) for r, *about in each]
     panel = {"timeline": TIME}
     if first.kind == "run":
         panel = {"timeline": GENERATION, "fps": max(1.0, last_generation(first) / RUN_SECONDS)}
@@ -96,7 +102,7 @@ def last_generation(recording: Recording) -> int:
     return int(recording.generations.max(initial=0))
 
 
-def rollout_layout(recording: Recording, name: str, title: str) -> rrb.Container:
+def rollout_layout(recording: Recording, name: str, title: str, hint: str = "") -> rrb.Container:
     """The body from its side, and below it what it gets, does and feels."""
     root = entity(name)
     plots = [
@@ -111,22 +117,28 @@ def rollout_layout(recording: Recording, name: str, title: str) -> rrb.Container
     about = ", ".join(filter(None, origin(recording)))
     if score := recording.metadata.get("score"):
         about += f": {float(score):.1f} points"
+    score = rrb.TimeSeriesView(
+        name="score, the sum of rewards",
+        origin=f"{root}/score",
+        plot_legend=rrb.PlotLegend(visible=False),
+        axis_x=_whole(recording.seconds, 0.0),
+    )
     eye = body_of(recording).rollout_eye
     return rrb.Vertical(
-        _scene(about, f"{root}/world/follow", f"{root}/world/**", eye),
-        rrb.Horizontal(_plot("score", f"{root}/score", _whole(recording.seconds, NARROW)), *plots),
+        _scene(about + hint, f"{root}/world/follow", f"{root}/world/**", eye),
+        rrb.Horizontal(score, *plots),
         row_shares=[2, 1],
         name=title,
     )
 
 
-def run_layout(recording: Recording, name: str, title: str) -> rrb.Container:
+def run_layout(recording: Recording, name: str, title: str, hint: str = "") -> rrb.Container:
     """Learning curves and sigma; the design's dimensions and the body that they make."""
     root, end = entity(name), last_generation(recording)
     axis = _whole(end, WIDE)
     training = ", ".join(training_changes(recording)) or "the environment's own"
     learning = [
-        _plot("score of evaluated agents, points", f"{root}/evaluation", axis),
+        _plot(f"score of evaluated agents, points{hint}", f"{root}/evaluation", axis),
         _plot(f"population's return in training ({training})", f"{root}/population", axis),
         _plot("sigma of the parameters", f"{root}/sigma", axis),
     ]
