@@ -5,6 +5,7 @@ evolution_video("runs/biped-morphology/seed0", "evolution.mp4")
 """
 
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -21,12 +22,8 @@ from designrl.recording import Recording, read
 SUFFIXES = (".mp4", ".gif", ".webp")
 EVERY = 2  # steps from one picture to the next
 STAGES, STAGE_SECONDS = 10, 6.0  # of an evolution: agents shown, and s of each at most
-BAR, INK, PAPER, MARK = (
-    0.065,
-    (35, 35, 45),
-    (245, 245, 250),
-    (213, 94, 0),
-)  # height by width; colors
+BAR = 0.065  # height of a caption by its width
+INK, PAPER, MARK = (35, 35, 45), (245, 245, 250), (213, 94, 0)
 
 
 def check_target(path: str | Path) -> None:
@@ -100,7 +97,7 @@ def evolution_video(
             for picture, seconds, score in film(agent, seed=0):
                 if seconds > STAGE_SECONDS:
                     break
-                about = f"generation {generation}, {seconds:.1f} s: {score:.1f} points"
+                about = f"generation {generation}: {score:.1f} points"
                 strip = _strip(picture.shape[1], generations, scores, generation)
                 yield _stack(captioned(picture, title, about), strip)
             progress(1)
@@ -133,7 +130,9 @@ def captioned(picture, left: str, right: str) -> Image.Image:
     bar = Image.new("RGB", (picture.width, 2 * round(BAR * picture.width / 2)), INK)
     draw, middle = ImageDraw.Draw(bar), bar.height / 2
     size, space = 0.55 * bar.height, bar.height / 4
-    while draw.textlength(left + "  " + right, _font(size)) > bar.width - 2 * space:
+    # As wide as its numbers may become: letters must not shrink from one picture to the next.
+    widest = left + "  " + re.sub(r"-?[\d.]+", "0000.0", right)
+    while draw.textlength(widest, _font(size)) > bar.width - 2 * space:
         size *= 0.95
     draw.text((space, middle), left, PAPER, _font(size), "lm")
     draw.text((bar.width - space, middle), right, PAPER, _font(size), "rm")

@@ -78,6 +78,17 @@ def test_an_evolution_goes_from_the_first_generation_to_the_last(run, tmp_path, 
     assert len(frames_of(tmp_path / "a.gif")) == 3 * len(agents)  # steps 1, 3 and 5 of 0.02 s
 
 
+def test_letters_keep_their_size_as_numbers_grow():
+    blank = np.zeros((480, 640, 3), np.uint8)
+    name = "biped-hardcore-morphology-smaller-leg seed 15"
+    for before, after in (
+        ("0.1 s: 0.0 points", "17.2 s: -350.7 points"),
+        ("generation 0: -0.1 points", "generation 9999: 350.7 points"),
+    ):
+        bars = [np.asarray(video.captioned(blank, name, text))[:42] for text in (before, after)]
+        assert np.array_equal(bars[0][:, :300], bars[1][:, :300])
+
+
 def test_stages_divide_generations_and_scores_alike():
     held = np.arange(1000)
     scores = np.clip(held - 100, 0, 100)  # all is learned in generations 100 to 200
