@@ -257,10 +257,11 @@ def _describe(path: Path) -> None:
 
 
 def _export(args) -> None:
+    from designrl.checkpoint import find_run
     from designrl.recording.table import check_target, table, write_table
 
     check_target(args.output)
-    columns = table(args.file, args.episodes)
+    columns = table(find_run(args.file), args.episodes)
     write_table(columns, args.output)
     rows = len(next(iter(columns.values())))
     print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns"))
@@ -404,7 +405,9 @@ def parser() -> argparse.ArgumentParser:
     )
 
     export = command("export", _export, "write a recording's numbers as a table")
-    about = "a recording, or a run's folder: by generation learning curve, evaluations and body"
+    about = (
+        "a recording, or a run's folder or name: by generation learning curve, evaluations and body"
+    )
     export.add_argument("file", metavar="FILE", help=about)
     export.add_argument("-o", "--output", required=True, metavar="FILE.csv", help="also .parquet")
     export.add_argument(

@@ -169,11 +169,13 @@ def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, cap
     assert "best.safetensors: checkpoint of biped-morphology" in capsys.readouterr().out
 
 
-def test_replay_finds_a_published_run_by_name(tmp_path, capsys, monkeypatch):
+def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkeypatch):
     name = next(path.relative_to(PRETRAINED).with_suffix("") for path in PRETRAINED.glob("*/*.md"))
     monkeypatch.chdir(tmp_path)
     main(["replay", str(name), "--save", "run.rrd"])
     assert capsys.readouterr().out == "run.rrd written\n"
+    main(["export", str(name), "-o", "run.csv"])
+    assert capsys.readouterr().out.startswith("run.csv: ")
     assert "seed77 cannot be read" in refused(capsys, "replay", "biped/seed77", "--save", "b.rrd")
 
 
