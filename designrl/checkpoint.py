@@ -49,14 +49,14 @@ def find(name: str | Path) -> Path:
     path = Path(name)
     if (path / "best.safetensors").is_file():
         return path / "best.safetensors"
-    if path.is_file() or not _is_name(path):
+    if path.exists() or not _is_name(path):
         return path
     if not PRETRAINED.is_dir():
         raise InputError(
             f"the published agent {name} is not installed with the package; get designrl's "
             f"repository and name pretrained/{name}.safetensors in it"
         )
-    published = PRETRAINED / f"{name}.safetensors"
+    published = PRETRAINED / f"{path}.safetensors"
     if not published.is_file():
         raise InputError(f"there is no agent {name}; `designrl checkpoints` lists those there are")
     return published

@@ -122,7 +122,8 @@ class Simulator(AbstractContextManager):
         if self.experiment not in PAPERS:
             check_world(self.experiment, self.network)
         if env_kwargs:  # otherwise the environment's module need not be loaded for what it takes
-            creator = load_env_creator(gymnasium.spec(self.experiment.env_id).entry_point)
+            creator = gymnasium.spec(self.experiment.env_id).entry_point
+            creator = creator if callable(creator) else load_env_creator(creator)
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
                 raise InputError(f"{self.experiment.name} has no {unknown[0]}; leave it out")
         if backend == "engine":

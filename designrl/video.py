@@ -7,6 +7,7 @@ evolution_video("runs/biped-morphology/seed0", "evolution.mp4")
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import gymnasium
@@ -47,8 +48,8 @@ def record_video(agent: Agent, path: str | Path, seed: int) -> float:
     Returns: the score.
 
     Raises:
-        InputError: another suffix than SUFFIXES, a file that exists or cannot be written, or no
-            PyAV for an .mp4.
+        InputError: another suffix than SUFFIXES, a file that exists or cannot be written, an
+            environment that draws no pictures, or no PyAV for an .mp4.
     """
     check_target(path)
     score = 0.0
@@ -106,9 +107,19 @@ def evolution_video(
 
 
 def film(agent: Agent, seed: int) -> Iterator[tuple[np.ndarray, float, float]]:
-    """Pictures (H, W, 3) of an episode, at s of its time, with the score so far."""
-    env = gymnasium.make(agent.experiment.env_id, render_mode="rgb_array", disable_env_checker=True)
-    body, score = agent.experiment.body, 0.0
+    """Pictures (H, W, 3) of an episode, at s of its time, with the score so far.
+
+    Raises:
+        InputError: the environment draws none.
+    """
+    env_id, body, score = agent.experiment.env_id, agent.experiment.body, 0.0
+    with closing(gymnasium.make(env_id, disable_env_checker=True)) as env:
+        if "rgb_array" not in (env.metadata.get("render_modes") or ()):
+            raise InputError(
+                f"{env_id} draws no pictures, as its render_modes have no rgb_array; without a "
+                "video, an .mcap shows its body"
+            )
+    env = gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
     try:
         for step in agent.play(env, seed):
             score += step.reward

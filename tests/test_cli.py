@@ -155,13 +155,17 @@ def test_help_needs_no_heavy_import():
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
 
 
-def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, capsys):
+def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, capsys, monkeypatch):
     main(["checkpoints"])
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
     published = {path.relative_to(PRETRAINED) for path in PRETRAINED.glob("*/*.safetensors")}
     assert {f"{name}.safetensors" for name in names} == set(map(str, published))
     expected = load(PRETRAINED / f"{names[0]}.safetensors").parameters
     np.testing.assert_array_equal(designrl.load(names[0]).parameters, expected)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / names[0]).mkdir(parents=True)  # a run without an agent, yet
+    with pytest.raises(InputError, match=f"{names[0]} is a folder"):
+        designrl.load(names[0])
     (tmp_path / "run").mkdir()
     checkpoint.rename(tmp_path / "run" / "best.safetensors")
     assert designrl.load(tmp_path / "run").experiment.name == "biped-morphology"

@@ -188,6 +188,20 @@ def test_commands_know_the_experiments_of_a_loaded_module_in_all_processes(
     words = ["--workers", "2", "--episodes", "3"]
     main(["--load", "my_experiments", "evaluate", "run/best.safetensors", *words])
     assert "heavy: " in capsys.readouterr().out
+    main(["--load", "my_experiments", "evaluate", "run", "--episodes", "1", "--lidar", "v3"])
+
+
+def test_what_an_environment_does_not_do_is_said_in_one_sentence(page, tmp_path, capsys):
+    out = Path("runs/hopper/seed0")
+    for words, sentence in (
+        (["evaluate", out, "--lidar", "v3"], "hopper-morphology has no lidar; leave it out"),
+        (["record", out, "--video", tmp_path / "a.webp"], "SpringHopper-v0 draws no pictures"),
+        (["replay", out, "--video", tmp_path / "a.webp"], "SpringHopper-v0 draws no pictures"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            main([str(word) for word in words])
+        assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "a.webp").exists()
 
 
 @pytest.mark.parametrize(

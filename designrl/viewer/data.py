@@ -141,8 +141,8 @@ def _within(limb: str, name: str) -> str:
 def log_rollout(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
     """Body, ground, LIDAR and plots of a rollout, on the timeline `time`.
 
-    The body is on the timeline `generation`, too: beside a run, which is on that one, it stands where
-    its rollout ended.
+    The body is on the timeline `generation`, too: beside a run, which is on that one, it stands
+    where its rollout ended.
     """
     world = f"{name}/world"
     stream.log(world, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
