@@ -252,6 +252,21 @@ def test_without_a_display_that_opens_is_said_what_to_do(
             viewer.replay([folder / "generations.mcap"])
 
 
+def test_a_viewer_that_ends_at_once_is_not_waited_for(folder, monkeypatch):
+    class Stream(rr.RecordingStream):
+        def spawn(self, **_):  # as where a display opens and then wants another user
+            pass
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        monkeypatch.setattr(viewer, "VIEWER_PORT", probe.getsockname()[1])
+    monkeypatch.setenv("PATH", os.environ["PATH"])  # put back what the viewer adds
+    monkeypatch.setattr(viewer, "require_display", lambda: None)
+    monkeypatch.setattr(viewer.rr, "RecordingStream", Stream)
+    with pytest.raises(InputError, match="did not start .*; add --save"):
+        viewer.replay([folder / "generations.mcap"])
+
+
 @pytest.mark.parametrize(
     ("make", "problem"),
     [

@@ -11,6 +11,7 @@ A run is on the timeline `generation`, a rollout on the timeline `time` (s of si
 """
 
 import os
+import socket
 import tempfile
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
 from designrl.viewer.picture import EXECUTABLE, take_picture
 from designrl.viewer.web import serve
 
+VIEWER_PORT = 9876  # Rerun's own
 MAX_ROLLOUTS = 6  # of a run's folder that are opened; name files to open others
 
 
@@ -80,7 +82,10 @@ def _open(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) 
     os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
     stream = rr.RecordingStream("designrl")
     try:
-        stream.spawn(default_blueprint=layout)
+        stream.spawn(connect=False)
+        if not _is_there(VIEWER_PORT):  # else Rerun would wait for it without end
+            raise RuntimeError("the display may not let it in")
+        stream.connect_grpc(default_blueprint=layout)
         _log(stream, recordings, names)
     except RuntimeError as error:
         raise InputError(
@@ -88,6 +93,14 @@ def _open(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) 
             "elsewhere"
         ) from None
     stream.disconnect()
+
+
+def _is_there(port: int) -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", port), 1).close()
+    except OSError:
+        return False
+    return True
 
 
 def _as_rrd(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> bytes:
