@@ -52,7 +52,7 @@ $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES) | same-python
 	@command -v $(firstword $(CXX)) >/dev/null || { \
 	  echo "designrl: a C++ compiler is needed to build box2d-py and $(firstword $(CXX)) was not found; install g++, or name one with make CXX=..." >&2; exit 1; }
 	@test -x $(BIN)/python || { echo "designrl: making the virtual environment $(VENV)"; $(PYTHON) -m venv $(VENV); }
-	@echo "designrl: installing the pinned dependencies (some minutes the first time; box2d-py is compiled, and after Python 3.11, for which the last wheel is, PyBullet)"
+	@echo "designrl: installing the pinned dependencies (some minutes the first time; box2d-py is compiled, and after Python 3.11, for which the last wheel is, PyBullet: 5 minutes of processor time in all)"
 	@grep -E '^(swig|setuptools|wheel|numpy)==' requirements.lock > $(VENV)/build-tools.lock
 	@$(PIP) install --quiet -r $(VENV)/build-tools.lock
 	@$(EXACT) $(PIP) install --quiet --no-build-isolation -r requirements.lock
