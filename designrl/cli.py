@@ -52,6 +52,7 @@ def load_module(name: str) -> None:
 
 def _experiments(_args) -> None:
     print(f"{'experiment':38} paper  network      design  recipe")
+    shown = ("population", "rollouts", "generations")
     for e in EXPERIMENTS.values():
         size = e.design.size if e.design else 0
         about = f"{e.name:38} {f'({e.letter})':6} {'-'.join(map(str, e.network.sizes)):13} {size:5}"
@@ -63,7 +64,7 @@ def _experiments(_args) -> None:
             words += [
                 option(name, value)[2:]
                 for name, value in vars(settings).items()
-                if value != getattr(paper, name) and name not in ("generations", "rollouts")
+                if value != getattr(paper, name) and name not in shown
             ]
             print(f"{about:66} {recipe + ':':7}{', '.join(words)}")
             about = ""

@@ -21,8 +21,9 @@ CAPTIONS = {
         "environment steps and, where recordings hold processor time, core-hours. Above, the "
         "population's return as training sees it: a fall costs nothing, success earns 100 more, so "
         "it does not compare with scores. Below, evaluated agents, and the best one so far. Each "
-        "experiment's best run has the population's ± 2 standard deviations, its other runs are "
-        "pale. Dashed: 300 points, solved. Dotted: when the paper's runs had solved it.",
+        "experiment's run with the paper's own settings, else its best one, has the population's "
+        "± 2 standard deviations; its other runs are pale. Dashed: 300 points, solved. Dotted: "
+        "when the paper's runs had solved it.",
     ),
     "curves": (
         "Curves on flat terrain",
@@ -61,7 +62,7 @@ def reads() -> list[Path]:
 
 
 def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
-    """An experiment's runs, the best one last, and what cannot be drawn, in words."""
+    """An experiment's runs, the foremost one last, and what cannot be drawn, in words."""
     missing = [] if recordings(experiment) else [f"{label}: no recording yet"]
     runs = []
     for path in recordings(experiment):
@@ -69,20 +70,20 @@ def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
             runs.append(read_run(path))
         except InputError as error:
             missing.append(f"{label}, {path.parent.name}: not drawn ({error})")
-    return sorted(runs, key=lambda run: run.scores.max(initial=-np.inf)), missing
+    return sorted(runs, key=lambda run: (run.papers, run.scores.max(initial=-np.inf))), missing
 
 
 def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colour: str) -> None:
     """Draw an experiment's runs over one of AXES: the population above, evaluations below."""
     for run in runs:
         at = (run.generation, run.steps / 1e6, run.core_hours)[AXES.index(axis)]
-        # The best run, over the others, and only it with its band: bands of many runs hide all.
-        best_run = run is runs[-1]
-        name = f"{label} ({run.episodes} episodes an evaluation)" if best_run else None
-        strength = 1.0 if best_run else 0.35
+        # The foremost run, and only it with its band: bands of many runs hide all.
+        foremost = run is runs[-1]
+        name = f"{label} ({run.episodes} episodes an evaluation)" if foremost else None
+        strength = 1.0 if foremost else 0.35
         # Thousands of generations a run would be megabytes as vectors.
         pixels = {"color": colour, "rasterized": True}
-        if best_run:
+        if foremost:
             low, high = run.mean - 2 * run.sd, run.mean + 2 * run.sd
             above.fill_between(at, low, high, alpha=0.2, linewidth=0, **pixels)
             below.plot(at[run.tested], run.scores, ".", color=colour, markersize=2, alpha=0.6)

@@ -13,8 +13,8 @@ SOLVED = 300  # points, for the walkers
 
 
 def recordings(experiment: str) -> list[Path]:
-    """The recordings of our runs of an experiment, by seed."""
-    return sorted((scores.ROOT / "logs" / experiment).glob("seed*/generations.mcap"))
+    """The recordings of our runs of an experiment, that with the paper's own settings first."""
+    return sorted((scores.ROOT / "logs" / experiment).glob("*seed*/generations.mcap"))
 
 
 def recording_of(checkpoint: Path) -> Path:
@@ -27,6 +27,7 @@ class Run:
     """A recorded run.
 
     Attributes:
+        papers: it has the paper's own settings.
         host: the machine, in words.
         generation: (G,) the recorded ones.
         steps, hours, core_hours: (G,) environment steps, wall time and processor time (NaN where it
@@ -37,6 +38,7 @@ class Run:
         episodes: of an evaluation, at most.
     """
 
+    papers: bool
     host: str
     generation: np.ndarray
     steps: np.ndarray
@@ -71,6 +73,7 @@ def read_run(path: Path) -> Run:
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
         counts = [len(row) for row in recording.array("/evaluation", "scores")]
     return Run(
+        papers=path.parent.name.startswith("paper-"),
         host=recording.metadata.get("host", "an unknown machine"),
         generation=generation,
         steps=steps,

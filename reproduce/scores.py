@@ -212,8 +212,8 @@ def usable(found: Iterable[Score]) -> list[Score]:
 
 
 def pretrained(experiment: str) -> list[Path]:
-    """Our checkpoints of an experiment, by seed."""
-    found = (ROOT / "pretrained" / experiment).glob("*.safetensors")
+    """Our checkpoints of an experiment by its recipe, by seed."""
+    found = (ROOT / "pretrained" / experiment).glob("seed*.safetensors")
     return sorted(found, key=lambda path: (len(path.name), path.name))
 
 

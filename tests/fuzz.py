@@ -5,7 +5,7 @@
     python tests/fuzz.py --files 5000 --seed 3
 
 Each file is read as far as the library can, or refused with one sentence (InputError) that names
-it. Anything else is a failure: another exception, a crash, more than 10 s, more than 1 GB of
+it. Anything else is a failure: another exception, a crash, more than 10 s, more than 2 GB of
 memory, code that runs. File number i of a seed is always the same; a failure tells how to read it
 again with --only.
 """
@@ -54,7 +54,7 @@ from designrl.train import TrainingRun  # noqa: E402
 from designrl.viewer.data import log_recording  # noqa: E402
 from designrl.viewer.layout import blueprint  # noqa: E402
 
-MEMORY_BYTES = 2**30  # beyond what the process has at the start
+MEMORY_BYTES = 2**31  # beyond what the process has at the start
 SECONDS = 10
 BATCH = 1000
 EXPERIMENT = "biped-morphology"
@@ -366,7 +366,7 @@ def main() -> int:
             try:
                 found, failures = future.result()
             except Exception as error:  # the process has crashed
-                found, failures = Counter(), [f"one of files {batch}: {error}"]
+                found, failures = Counter(), [f"one of files {batch}: {error!r}"]
             counts += found
             wrong += failures
     for (kind, outcome), count in sorted(counts.items()):

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from designrl.cli import parser
+from designrl.experiments import EXPERIMENTS
+from designrl.settings import TrainSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -98,6 +100,26 @@ def test_links_lead_somewhere():
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
             if not target.startswith("http"):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_recipes_in_the_table_are_those_of_the_experiments():
+    columns = [(EXPERIMENTS.values(), "paper")]
+    for letters in ("ab", "cde", "fgh"):
+        columns.append(([e for e in EXPERIMENTS.values() if e.letter in letters], "zoo"))
+    rows = {
+        "candidates × rollouts": lambda s: f"{s.population} × {s.rollouts}",
+        "generations": lambda s: f"{s.generations:,}",
+        "learning rate": lambda s: f"{s.learning_rate} × {s.learning_rate_decay}ᵍ",
+        "agent": lambda s: {"best": "the best candidate of a generation", "mean": "μ"}[s.keep],
+    }
+    page = (ROOT / "pretrained/README.md").read_text()
+    for name, say in rows.items():
+        expected = [
+            "; ".join(dict.fromkeys(say(TrainSettings.of(e, recipe)) for e in experiments))
+            for experiments, recipe in columns
+        ]
+        cells = re.search(rf"^\| {name} \|(.+)\|$", page, re.MULTILINE)[1]
+        assert [cell.strip() for cell in cells.split("|")] == expected
 
 
 def test_readme_is_short_and_finished():

@@ -410,7 +410,7 @@ def test_card_says_the_body_that_was_found():
     agent.metadata["settings"] = TrainSettings.of("ant-morphology").as_dict()
     s = scores.Score(Path("seed0.safetensors"), "", agent, returns)
     one = np.ones(1)
-    run = runs.Run("a machine", one, one, one, 2 * one, one, one, one, one, 4)
+    run = runs.Run(False, "a machine", one, one, one, 2 * one, one, one, one, one, 4)
     card = publish.card(s, run)
     assert "2.00 core-hours" in card
     assert re.search(r"\| front left top +\| \d+ % \(0.\d+\)", card)
