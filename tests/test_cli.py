@@ -12,6 +12,7 @@ from designrl.cli import main
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
+from designrl.settings import TrainSettings
 
 
 @pytest.fixture
@@ -39,7 +40,9 @@ def test_experiments_lists_all_eight(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[1:] if line[0] != " "] == list(EXPERIMENTS)
     assert "paper: 192 × 16, 10,000 generations" in lines[-2]
-    assert "zoo:   192 × 4, 2,500 generations, learning-rate-decay 0.9995" in lines[-1]
+    zoo = TrainSettings.of(list(EXPERIMENTS)[-1], "zoo")
+    size = f"{zoo.population} × {zoo.rollouts}, {zoo.generations:,} generations"
+    assert f"zoo:   {size}, learning-rate-decay {zoo.learning_rate_decay}" in lines[-1]
 
 
 def test_evaluate_prints_one_json_object_with_the_scores_that_python_gives(checkpoint, capsys):
