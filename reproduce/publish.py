@@ -2,7 +2,7 @@
 
     python -m reproduce.publish runs/biped-morphology/seed0
 
-Published are pretrained/EXPERIMENT/seedK.safetensors with a card (.md) and a learning curve (.svg),
+Published are pretrained/EXPERIMENT/seedK.safetensors with a card (.md) and a learning curve (.png),
 and in logs/EXPERIMENT/seedK/ the recording with generations dropped (never rounded) and the first
 steps of a rollout of the agent; all that the run's folder holds is not needed again.
 """
@@ -26,7 +26,7 @@ from reproduce import drawing, figure5, scores
 from reproduce.runs import Run, read_run, recording_of
 from reproduce.scores import Score
 
-ROLLOUT_STEPS = 70  # recorded of the agent: enough to see its gait, small enough to commit
+ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -68,9 +68,7 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
     rollout = log / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
     record_rollout(agent, rollout, scores.SEED, steps=ROLLOUT_STEPS)
     write_atomically(checkpoint, content)
-    learning_curve(recorded, agent).savefig(
-        checkpoint.with_suffix(".svg"), metadata={"Date": None}, dpi=120
-    )
+    learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
     text = card(scores.score(checkpoint, agent.experiment.name), recorded)
     write_atomically(checkpoint.with_suffix(".md"), text.encode())
     return f"{checkpoint}, its card, its curve and {log} written"
@@ -113,7 +111,7 @@ def card(s: Score, run: Run) -> str:
         f"the agent after number {m['generation']:,} is kept ({m['environment_steps']:,} steps): "
         f"the one with the best evaluation during training ({m['score']:.1f} over "
         f"{m['score_episodes']} episodes{factor}).",
-        f"![Learning curve]({s.path.stem}.svg)",
+        f"![Learning curve]({s.path.stem}.png)",
     ]
     if design is not None:
         parts: dict[str, dict[str, str]] = {}  # "top leg 1" -> "width" -> text

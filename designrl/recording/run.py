@@ -29,7 +29,7 @@ from designrl.recording.reader import Recording, read
 # Messages of a topic that a thinned copy has at most, or, of evaluations, those with episodes.
 KEPT = {
     **{"/distribution": 3, "/returns": 3, "/evaluation": 3},
-    **{"/body": 10, "/design": 40, "/summary": 500},
+    **{"/body": 8, "/design": 30, "/summary": 400},
 }
 
 
