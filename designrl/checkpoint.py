@@ -40,16 +40,20 @@ def find(name: str | Path) -> Path:
     """The file that is meant: itself, a run's best agent, or a published agent in a clone.
 
     Args:
-        name: a file, the folder of a run, or "biped-morphology/seed7" for the published agent in
+        name: a file, the folder of a run, or "biped-morphology/seed0" for the published agent in
             `pretrained/`.
 
     Raises:
-        InputError: a published agent's name where there is none.
+        InputError: a published agent's name where there is none, or an experiment's.
     """
     path = Path(name)
     if (path / "best.safetensors").is_file():
         return path / "best.safetensors"
-    if path.exists() or not _is_name(path):
+    if path.exists():
+        return path
+    if str(path) in EXPERIMENTS:
+        raise InputError(f"{path} is an experiment; name an agent that `designrl checkpoints` lists")
+    if not _is_name(path):
         return path
     if not PRETRAINED.is_dir():
         raise InputError(

@@ -200,7 +200,10 @@ def _record(args) -> None:
         said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
         print(printable(said))
     if args.video:
-        score = record_video(agent, args.video, seed)
+        from tqdm import tqdm
+
+        with tqdm(unit="picture", leave=False, disable=None) as bar:
+            score = record_video(agent, args.video, seed, bar.update)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
 
 

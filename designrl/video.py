@@ -38,12 +38,18 @@ def check_target(path: str | Path) -> None:
         _av()
 
 
-def record_video(agent: Agent, path: str | Path, seed: int) -> float:
+def record_video(
+    agent: Agent,
+    path: str | Path,
+    seed: int,
+    progress: Callable[[int], None] = lambda count: None,
+) -> float:
     """Film one episode in real time.
 
     Args:
         path: the file to write.
         seed: of the environment and of the policy's noise.
+        progress: called with 1 after each picture.
 
     Returns: the score.
 
@@ -58,6 +64,7 @@ def record_video(agent: Agent, path: str | Path, seed: int) -> float:
         nonlocal score
         for picture, seconds, score in film(agent, seed):  # noqa: B007 (the last one is returned)
             yield captioned(picture, name_of(agent), f"{seconds:.1f} s: {score:.1f} points")
+            progress(1)
 
     write_video(path, frames(), agent)
     return score
