@@ -52,7 +52,7 @@ def find(name: str | Path) -> Path:
     if path.exists():
         return path
     if str(path) in EXPERIMENTS:
-        raise InputError(f"{path} is an experiment; name an agent that `designrl checkpoints` lists")
+        raise InputError(f"{path} is an experiment; name an agent of `designrl checkpoints`")
     if not _is_name(path):
         return path
     if not PRETRAINED.is_dir():

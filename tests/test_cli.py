@@ -104,7 +104,7 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("replay r.mcap --save r.png", "r.png would not be opened as what it is"),
         ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),
-        ("evaluate biped", "biped is an experiment; name an agent that"),
+        ("evaluate biped", "biped is an experiment; name an agent of"),
         ("train biped --recipe plain --sigma-change-max 0.1", "sigma-change-max is part of"),
         ("record agent.safetensors", "-o FILE.mcap, --video FILE.mp4, or both"),
         ("record agent.safetensors -o r.mcap --video r.avi", "no video; give it a name in .mp4"),
