@@ -136,7 +136,7 @@ _ZOO = {
 _ZOO_ANT = {
     **_ZOO,
     "rollouts": 1,
-    "generations": 12000,
+    "generations": 16000,
     "learning_rate_decay": 0.99985,
     "evaluate_every": 200,
 }
