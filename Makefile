@@ -81,7 +81,7 @@ reproduce-%: $(READY) FORCE
 
 FLAT_STEPS ?= 3000000
 HARDCORE_STEPS ?= 4000000
-FLAT_BODY := pretrained/biped-morphology/seed7.safetensors
+FLAT_BODY := pretrained/biped-morphology/seed0.safetensors
 HARDCORE_BODY := pretrained/biped-hardcore-morphology/seed15.safetensors
 CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@
 FLAT = $(CURVE) --steps $(FLAT_STEPS)

@@ -1,7 +1,7 @@
 """PPO on the original body, or on one that a run here has learned.
 
     python examples/ppo.py --out curve.csv
-    python examples/ppo.py --design pretrained/biped-morphology/seed7.safetensors --out curve.csv
+    python examples/ppo.py --design pretrained/biped-morphology/seed0.safetensors --out curve.csv
     python examples/ppo.py --hardcore --seed 3 --steps 20_000_000 --out curve.csv
 
 Trains Stable-Baselines3's PPO (pip install "designrl[sb3]") on a walker and writes its learning

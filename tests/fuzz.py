@@ -71,7 +71,7 @@ class FuzzError(Exception):
 
 def originals(folder: Path) -> dict[str, bytes]:
     """A whole file of each kind; the same bytes wherever it matters."""
-    agent = checkpoint.load(ROOT / "pretrained" / EXPERIMENT / "seed7.safetensors")
+    agent = checkpoint.load(ROOT / "pretrained" / EXPERIMENT / "seed0.safetensors")
     checkpoint.save(agent, folder / "f.safetensors")
     TrainingRun(TrainSettings.of(EXPERIMENT), folder / "run")._save_state()
     (folder / "f.json").write_text(json.dumps([agent.parameters.round(4).tolist(), 12.5]))
