@@ -15,7 +15,7 @@ from pathlib import Path
 
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
-from designrl.files import is_locked, read_limited
+from designrl.files import is_locked, read_limited, require_new
 from designrl.provenance import VERSION
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
@@ -157,17 +157,12 @@ def _evaluate(args) -> None:
 def _import(args) -> None:
     from designrl.checkpoint import fitting, load_published, save
 
-    _require_new(args.output)
+    require_new(args.output)
     agent = load_published(args.file, get_experiment(args.experiment))
     save(agent, args.output)
     others = [name for name in fitting(len(agent.parameters)) if name != args.experiment]
     doubt = "; by its size the file could as well be of " + " or ".join(others) if others else ""
     print(printable(f"{args.output} written, as {args.experiment}{doubt}"))
-
-
-def _require_new(path: str) -> None:
-    if os.path.lexists(path):  # a link that leads nowhere is something, too
-        raise InputError(f"{path} exists already; remove it or choose another name")
 
 
 def _require_suffix(path: str, suffix: str) -> None:
@@ -185,7 +180,7 @@ def _record(args) -> None:
         raise InputError(f"--episode counts from 0 to {MAX_EPISODES - 1:,}, got {args.episode}")
     check_episodes(args.episode + 1, args.seed)
     if args.output:
-        _require_new(args.output)
+        require_new(args.output)
         _require_suffix(args.output, ".mcap")
     if args.video:
         from designrl.video import check_target, record_video

@@ -52,6 +52,12 @@ def create_beside(path: Path) -> tuple[int, Path]:
     return os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), temporary
 
 
+def require_new(path: str | Path) -> None:
+    """Raise InputError where there is something of that name already, be it a link to nothing."""
+    if os.path.lexists(path):
+        raise InputError(f"{path} exists already; remove it or choose another name")
+
+
 def is_locked(path: Path) -> bool:
     """Another process, or another open file of this one, holds the lock of a file."""
     try:

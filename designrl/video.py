@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
-from designrl.files import write_atomically
+from designrl.files import require_new, write_atomically
 from designrl.policy import Agent
 from designrl.recording import Recording, read
 
@@ -32,8 +32,7 @@ def check_target(path: str | Path) -> None:
     suffix = Path(path).suffix
     if suffix not in SUFFIXES:
         raise InputError(f"{path} is no video; give it a name in {', '.join(SUFFIXES)}")
-    if Path(path).exists():
-        raise InputError(f"{path} exists already; remove it or choose another name")
+    require_new(path)
     if suffix == ".mp4":
         _av()
 

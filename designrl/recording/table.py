@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from designrl.errors import InputError
-from designrl.files import write_atomically
+from designrl.files import require_new, write_atomically
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import ROLLOUT, RUN, RecordingError
 from designrl.recording.reader import Recording, read
@@ -114,8 +114,7 @@ def check_target(path: str | Path) -> None:
     """Raise InputError where no table can be written under that name."""
     if Path(path).suffix not in SUFFIXES:
         raise InputError(f"{path} would be no table; give it a name in {' or '.join(SUFFIXES)}")
-    if Path(path).exists():
-        raise InputError(f"{path} exists already; remove it or choose another name")
+    require_new(path)
 
 
 def write_table(columns: Table, path: str | Path) -> None:

@@ -11,7 +11,6 @@ A run is on the timeline `generation`, a rollout on the timeline `time` (s of si
 """
 
 import os
-import socket
 import tempfile
 from pathlib import Path
 
@@ -20,14 +19,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from designrl.errors import InputError, remark
-from designrl.files import write_atomically
+from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
 from designrl.viewer.data import log_recording
 from designrl.viewer.display import require_display
 from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
 from designrl.viewer.picture import EXECUTABLE, take_picture
-from designrl.viewer.web import serve
+from designrl.viewer.web import is_listening, serve
 
 VIEWER_PORT = 9876  # Rerun's own
 MAX_ROLLOUTS = 6  # of a run's folder that are opened; name files to open others
@@ -83,7 +82,7 @@ def _open(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) 
     stream = rr.RecordingStream("designrl")
     try:
         stream.spawn(connect=False)
-        if not _is_there(VIEWER_PORT):  # else Rerun would wait for it without end
+        if not is_listening("127.0.0.1", VIEWER_PORT):  # else Rerun would wait for it without end
             raise RuntimeError("the display may not let it in")
         stream.connect_grpc(default_blueprint=layout)
         _log(stream, recordings, names)
@@ -93,14 +92,6 @@ def _open(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) 
             "elsewhere"
         ) from None
     stream.disconnect()
-
-
-def _is_there(port: int) -> bool:
-    try:
-        socket.create_connection(("127.0.0.1", port), 1).close()
-    except OSError:
-        return False
-    return True
 
 
 def _as_rrd(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> bytes:
@@ -170,8 +161,7 @@ def _check_targets(targets: list[Path], sources: list[Path]) -> None:
     for target in targets:
         if target.resolve() in inputs:
             raise InputError(f"{target} is what is to be replayed; choose another name to write")
-        if os.path.lexists(target):
-            raise InputError(f"{target} exists already; remove it or choose another name")
+        require_new(target)
     if len({target.resolve() for target in targets}) < len(targets):
         raise InputError(f"{targets[0]} cannot be both; choose another name for the picture")
 

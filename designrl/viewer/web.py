@@ -1,6 +1,5 @@
 """Rerun's viewer in a browser, from its own server on two ports of this machine."""
 
-import contextlib
 import ipaddress
 import signal
 import socket
@@ -80,11 +79,20 @@ def _check_free(address: str, port: int) -> None:
         ) from None
 
 
+def is_listening(address: str, port: int) -> bool:
+    """Something takes connections there."""
+    try:
+        socket.create_connection((address, port), 1).close()
+    except OSError:
+        return False
+    return True
+
+
 def _wait_for(address: str, port: int, process: subprocess.Popen) -> bool:
     """Whether the process listens there, within START_SECONDS."""
     deadline = time.monotonic() + START_SECONDS
     while process.poll() is None and time.monotonic() < deadline:
-        with contextlib.suppress(OSError), socket.create_connection((address, port), 1):
+        if is_listening(address, port):
             return True
         time.sleep(0.1)
     return False
