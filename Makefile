@@ -80,7 +80,7 @@ reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
 
 FLAT_STEPS ?= 4000000
-HARDCORE_STEPS ?= 20000000
+HARDCORE_STEPS ?= 15000000
 FLAT_BODY := pretrained/biped-morphology/seed0.safetensors
 HARDCORE_BODY := pretrained/biped-hardcore-morphology/seed15.safetensors
 CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@

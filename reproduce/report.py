@@ -15,7 +15,7 @@ import numpy as np
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
-from reproduce import build, figure5, scores, statistics, table2
+from reproduce import build, figure5, scores, statistics, table2, transfer
 from reproduce.runs import read_run, recording_of
 from reproduce.scores import Score, usable
 from reproduce.tables import PAPER, Cell, Table
@@ -205,6 +205,7 @@ def main() -> list[Path]:
     parts = {
         "answer": does_a_learned_body_help(tables["statistics"][1].records),
         "costs": costs(ours),
+        "transfer_answer": transfer.answer(),
         "origins": origins(ours),
         **{name: figure_part(name) for name in CAPTIONS},
         **{name: table_part(*found) for name, found in tables.items()},

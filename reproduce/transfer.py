@@ -1,7 +1,8 @@
 """PPO on the original body and on learned ones: does a learned body help another learner, too?
 
 Reads paper/transfer/TASK/BODY/seedN.csv, which `make transfer` trains (examples/ppo.py): steps of
-training, and the mean of an evaluation's episodes. CAPTIONS says what is drawn.
+training, and the mean of an evaluation's episodes. CAPTIONS says what is drawn, `answer` what
+comes out.
 """
 
 import csv
@@ -15,15 +16,15 @@ from designrl.errors import InputError
 from reproduce import drawing, scores
 from reproduce.figure5 import STEPS
 from reproduce.runs import SOLVED
-from reproduce.statistics import mean_interval
+from reproduce.statistics import compare, interval, mean_interval, verdict
 
 CAPTIONS = {
     "transfer": (
         "A learned body and another learner",
-        "PPO (Stable-Baselines3, with RL Baselines3 Zoo's settings for this walker) on the "
-        "original body and on one that our training had learned. The score of an evaluation over "
-        "steps of training: thin, of each seed; thick, the mean over seeds, with a bootstrap 95 % "
-        "interval. Dashed: 300 points, solved.",
+        "PPO (Stable-Baselines3, with RL Baselines3 Zoo's settings for this walker but larger "
+        "minibatches) on the original body and on one that our training had learned. The score of "
+        "an evaluation over steps of training: thin, of each seed; thick, the mean over seeds, "
+        "with a bootstrap 95 % interval. Dashed: 300 points, solved.",
     )
 }
 TASKS = {"flat": "Flat ground", "hardcore": "Hardcore"}
@@ -71,6 +72,36 @@ def draw(axes: Axes, task: str, body: str) -> None:
     axes.plot(at, means.mean(axis=0), color=colour, label=label)
     low, high = np.transpose([mean_interval(values) for values in means.T])
     axes.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def answer() -> str:
+    """What the learned body changes for PPO, a line for each task."""
+    lines = []
+    for task, title in TASKS.items():
+        paths = [curves(task, body) for body in BODIES]
+        if not all(paths):
+            lines.append(f"- {title}: no curves of both bodies yet.")
+            continue
+        means = [read_curves(found)[1] for found in paths]
+        last = -(-means[0].shape[1] // 10)
+        parts = {"at the end": slice(-last, None), "on average over the training": slice(None)}
+        said = [
+            difference(*(of_body[:, part].mean(axis=1) for of_body in means), when)
+            for when, part in parts.items()
+        ]
+        lines.append(f"- {title}: {'; '.join(said)}.")
+    return "\n".join(lines)
+
+
+def difference(original: np.ndarray, learned: np.ndarray, when: str) -> str:
+    """The scores (S,) of each body's seeds as words: means, their difference, a verdict."""
+    c = compare(original, learned)
+    limits = interval(c["difference_low"], c["difference_high"], "{:+.0f}")
+    change = f"{c['difference']:+.0f} {limits}".strip()
+    means = (
+        f"{learned.mean():.0f} points on the learned body, {original.mean():.0f} on the original"
+    )
+    return f"{when} {means}: {change} ({verdict(c)})"
 
 
 def figures() -> dict[str, Figure]:

@@ -535,6 +535,19 @@ def test_ppos_figure_shows_each_seed_their_mean_and_its_interval(project):
     assert hardcore.get_title("left") == "Hardcore: no curve yet"
 
 
+def test_ppos_answer_compares_the_bodies_at_the_end_and_over_the_training(project):
+    for body, last in (("original", 100), ("learned", 300)):
+        for seed in range(4):
+            text = f"steps,mean\n0,-100\n1000000,{last + seed}\n"
+            write_curve(project, "flat", body, seed, text)
+    flat, hardcore = transfer.answer().splitlines()
+    end, average = flat.split("; ")
+    assert "at the end 302 points on the learned body, 102 on the original: +200 [" in end
+    assert "101 points on the learned body, 1 on the original: +100 [" in average
+    assert flat.endswith("(higher).")
+    assert hardcore == "- Hardcore: no curves of both bodies yet."
+
+
 @pytest.mark.parametrize(
     "text, message",
     [
