@@ -7,8 +7,9 @@
 Trains Stable-Baselines3's PPO (pip install "designrl[sb3]") on a walker and writes its learning
 curve. The settings are RL Baselines3 Zoo's for BipedalWalker-v3 and BipedalWalkerHardcore-v3
 (hyperparams/ppo.yml) with larger minibatches, which take several times as many steps a second, and
-a larger learning rate on hardcore. They were chosen on the original body and are the same for every
-body. `make transfer` runs it for all curves that `make reproduce-transfer` draws.
+on hardcore more environments and a larger learning rate. They were chosen on the original body and
+are the same for every body. `make transfer` runs it for all curves that `make reproduce-transfer`
+draws.
 """
 
 import argparse

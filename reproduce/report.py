@@ -33,7 +33,7 @@ CAPTIONS = {
 def reads() -> list[Path]:
     """The files that the report depends on."""
     drawn = (scores.output_folder() / "figures" / f"{name}.svg" for name in CAPTIONS)
-    return [TEMPLATE, *drawn, *scores.read_for(*EXPERIMENTS), *figure5.reads()]
+    return [TEMPLATE, *drawn, *scores.read_for(*EXPERIMENTS), *figure5.reads(), *transfer.reads()]
 
 
 # ------------------------------------------------------------------------------------- contents

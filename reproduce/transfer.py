@@ -22,9 +22,10 @@ CAPTIONS = {
     "transfer": (
         "A learned body and another learner",
         "PPO (Stable-Baselines3, with RL Baselines3 Zoo's settings for this walker but larger "
-        "minibatches) on the original body and on one that our training had learned. The score of "
-        "an evaluation over steps of training: thin, of each seed; thick, the mean over seeds, "
-        "with a bootstrap 95 % interval. Dashed: 300 points, solved.",
+        "minibatches, and on hardcore more environments and a larger learning rate) on the "
+        "original body and on one that our training had learned. The score of an evaluation over "
+        "steps of training: thin, of each seed; thick, the mean over seeds, with a bootstrap 95 % "
+        "interval. Dashed: 300 points, solved.",
     )
 }
 TASKS = {"flat": "Flat ground", "hardcore": "Hardcore"}
