@@ -69,7 +69,7 @@ class Experiment:
         network: the policy, as the paper's text gives it.
         learns_design: the body's dimensions are learned with the policy.
         paper: the paper's settings (section 4), by the names of `TrainSettings`.
-        zoo: our recipe, one for every seed, likewise; no published run has it yet.
+        zoo: our recipe, one for every seed, likewise.
         training_kwargs: keywords of the environment that hold in training alone.
         shaping: what the published code changes of the rewards in training; None: nothing.
         other_networks: that its agents may have, too.

@@ -86,7 +86,8 @@ def make(name: str) -> list[Path] | None:
     local = state | {"code": code()}
     here = scores.ROOT / ".cache" / "reproduce" / scores.output_folder().name / f"{name}.json"
     kept = json.loads(here.read_text(encoding="utf-8")) if here.exists() else {"outputs": ()}
-    if kept == local | {"outputs": hashes(scores.ROOT / path for path in kept["outputs"])}:
+    now = local | {"outputs": hashes(scores.ROOT / path for path in kept["outputs"])}
+    if kept == now and manifest(name).exists():
         return None
     written = write(module)
     outputs = hashes(written)
