@@ -141,7 +141,12 @@ _ZOO_ANT = {
     "evaluate_every": 200,
 }
 # Falls decide hardcore's scores, and it takes episodes to see them.
-_ZOO_HARDCORE = {"population": 192, "rollouts": 8, "learning_rate_decay": 0.9995}
+_ZOO_HARDCORE = {
+    "generations": 4000,
+    "population": 192,
+    "rollouts": 8,
+    "learning_rate_decay": 0.9995,
+}
 
 
 def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
@@ -164,13 +169,11 @@ def _walker(name: str, letter: str, title: str, learns_design: bool, **kwargs) -
 
 def _hardcore(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
     flat = _walker(name, letter, title, learns_design, **kwargs)
-    # In the paper, too, the original body took three times as long as the learned one.
-    generations = 2000 if learns_design else 4000
     return replace(
         flat,
         env_id="designrl/BipedalWalkerHardcore-v0",
         paper={**flat.paper, "generations": 10000},
-        zoo={**flat.zoo, **_ZOO_HARDCORE, "generations": generations},
+        zoo={**flat.zoo, **_ZOO_HARDCORE},
     )
 
 
