@@ -96,7 +96,7 @@ struct Lanes : World {
 class Ant {
  public:
   static constexpr int kObservations = 28, kActions = kJoints, kDesign = kDimensions;
-  static constexpr int kLanes = kDoubles, kHeld = kLanes;
+  static constexpr int kLanes = kDoubles, kPutOff = 0, kHeld = kLanes;
   static constexpr double kSolvedReturn = HUGE_VAL, kSolvedBonus = 0.0;  // it is never solved
   static constexpr bool kStartSolves = false;
   enum Term { kAlive, kProgress, kElectricity, kStall, kJointLimits, kFootCollision, kTerms };

@@ -5,18 +5,24 @@
 //
 //   kObservations, kActions, kDesign     how many numbers each of them is
 //   kLanes                               episodes that are solved at once
+//   kPutOff                              tasks whose physics take longer are put off until there
+//                                        are so many; 0: none is
 //   kHeld                                episodes that a thread holds
 //   kTerms                               of the environment's rewards
 //   kStartSolves                         whether the round after reset is a step of physics
 //   kSolvedReturn, kSolvedBonus          points, of the shaped rewards
 //   Networks                             its own policies, FixedNetworks
-//   Solver                               lanes of physics; solve(n) solves the first n of them
+//   Solver                               lanes of physics; solve(n) solves the first n of them.
+//                                        Where some are put off: solved(lane), put_off(lane, i) as
+//                                        the i-th of them, and solve_rest(n) for the first n
 //   reset(random, flags, design)         starts an episode; flags: bits of Batch::flags
 //   begin_step(action)                   up to what the lanes solve. The round after reset has no
 //                                        action, it is null: it leads to the first observation
 //   order()                              uint32_t: episodes whose order is alike share the lanes
 //   load(solver, lane)                   into a lane, and after solve() back
 //   store(solver, lane)
+//   store_solved(solver, lane)           where some are put off: what these have after the others,
+//                                        the i-th in lane kLanes + i
 //   finish_step(flags, outcome)          the rest of the step: observation, reward and its terms
 //   failed()                             a capacity was exceeded, the episode is void
 //
@@ -41,7 +47,8 @@ struct Outcome {
   bool terminated, fell;
 };
 
-// Tasks that have begun a step: solves them in their order, as many at once as there are lanes.
+// Tasks that have begun a step: solves them side by side, in their order. Those that are put off
+// stay until a later call.
 template <class Task>
 class Round {
  public:
@@ -54,28 +61,52 @@ class Round {
     for (; at > 0 && keys_[at - 1] > key; --at) keys_[at] = keys_[at - 1];
     keys_[at] = key;
   }
-  bool empty() const { return count_ == 0; }
+  bool empty() const { return count_ == 0 && put_off_count_ == 0; }
+  bool full() const { return count_ == Task::kLanes; }
 
-  // physics: false where all of them start and have none to solve. finish(index): the rest of a
-  // task's step.
+  // physics: false where all of them start and have none to solve. all: none stays put off.
+  // finish(index): the rest of a task's step.
   template <class Finish>
-  void solve(typename Task::Solver& solver, bool physics, Finish finish) {
-    for (int first = 0; first < count_; first += Task::kLanes) {
-      const int lanes = count_ - first < Task::kLanes ? count_ - first : Task::kLanes;
-      for (int l = 0; l < lanes; ++l) tasks_[uint32_t(keys_[first + l])]->load(solver, l);
-      if (physics) solver.solve(lanes);
-      for (int l = 0; l < lanes; ++l) {
-        const int index = int(uint32_t(keys_[first + l]));
-        tasks_[index]->store(solver, l);
-        finish(index);
+  void solve(typename Task::Solver& solver, bool physics, bool all, Finish finish) {
+    for (int l = 0; l < count_; ++l) tasks_[index(l)]->load(solver, l);
+    if (physics && count_ > 0) solver.solve(count_);
+    for (int l = 0; l < count_; ++l) {
+      Task& task = *tasks_[index(l)];
+      task.store(solver, l);
+      if constexpr (Task::kPutOff > 0) {
+        if (!solver.solved(l)) {
+          solver.put_off(l, put_off_count_);
+          put_off_[put_off_count_++] = index(l);
+          if (put_off_count_ == Task::kPutOff) solve_rest(solver, finish);
+          continue;
+        }
+        task.store_solved(solver, l);
       }
+      finish(index(l));
     }
+    count_ = 0;
+    if (all && put_off_count_ > 0) solve_rest(solver, finish);
   }
 
  private:
   Task* tasks_[Task::kHeld];
-  uint64_t keys_[Task::kHeld];
-  int count_ = 0;
+  uint64_t keys_[Task::kLanes];
+  int put_off_[Task::kPutOff + 1];  // indices
+  int count_ = 0, put_off_count_ = 0;
+
+  int index(int lane) const { return int(uint32_t(keys_[lane])); }
+
+  template <class Finish>
+  void solve_rest(typename Task::Solver& solver, Finish finish) {
+    if constexpr (Task::kPutOff > 0) {
+      solver.solve_rest(put_off_count_);
+      for (int i = 0; i < put_off_count_; ++i) {
+        tasks_[put_off_[i]]->store_solved(solver, Task::kLanes + i);
+        finish(put_off_[i]);
+      }
+      put_off_count_ = 0;
+    }
+  }
 };
 
 // An episode under way, and its place in the batch.
@@ -83,6 +114,7 @@ template <class Task>
 class Episode {
  public:
   bool active = false;  // an episode is under way
+  bool begun = false;   // and a step of it
   Task task;
 
   // Takes the next episode; false if there is none left.
@@ -119,10 +151,12 @@ class Episode {
     double exact[Task::kActions];
     for (int i = 0; i < Task::kActions; ++i) exact[i] = action[i];
     task.begin_step(steps_ >= 0 ? exact : nullptr);
+    begun = true;
   }
 
   void finish_step(Batch& batch) {
     task.finish_step(batch.flags, outcome_);
+    begun = false;
     ++steps_;
     if (batch.observations) {
       float* to = batch.observations +
@@ -166,17 +200,20 @@ void run_episodes(Batch& batch, void* memory, int64_t share) {
   const Act own_network = Task::Networks::find(batch.sizes, batch.layers, batch.output_tanh);
   const int held = share < Task::kHeld ? int(share) : Task::kHeld;
   bool left = true;
+  Round<Task> round;
+  int e = 0;  // in turn
   for (;;) {
-    Round<Task> round;
-    for (int e = 0; e < held; ++e) {
+    for (int n = 0; n < held && !round.full(); ++n, e = e + 1 < held ? e + 1 : 0) {
       Episode<Task>& episode = thread.episodes[e];
       if (!episode.active && left) left = episode.start(batch);
-      if (!episode.active) continue;
+      if (!episode.active || episode.begun) continue;
       episode.begin_step(batch, own_network);
       round.add(episode.task, e);
     }
     if (round.empty() || __atomic_load_n(&batch.stop, __ATOMIC_RELAXED)) return;
-    round.solve(thread.solver, true, [&](int e) { thread.episodes[e].finish_step(batch); });
+    // With lanes to spare, nothing is gained by putting tasks off.
+    round.solve(thread.solver, true, !round.full(),
+                [&](int done) { thread.episodes[done].finish_step(batch); });
   }
 }
 

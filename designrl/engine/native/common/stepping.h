@@ -62,13 +62,13 @@ class Environment {
 template <class Task>
 struct Group {
   typename Task::Solver solver;
-  Environment<Task> environments[Task::kHeld];
+  Environment<Task> environments[Task::kLanes];
 };
 
 // TaskEntry::group_bytes.
 template <class Task>
 size_t group_bytes(int count) {
-  return sizeof(Group<Task>) - (Task::kHeld - count) * sizeof(Environment<Task>);
+  return sizeof(Group<Task>) - (Task::kLanes - count) * sizeof(Environment<Task>);
 }
 
 // TaskEntry::step_group.
@@ -82,7 +82,7 @@ void step_group(const Stepping& all, void* memory, int64_t first, int count) {
       group.environments[e].begin_step(all, first + e);
       steps.add(group.environments[e].task, e);
     }
-    steps.solve(group.solver, true, finish);
+    steps.solve(group.solver, true, true, finish);
   }
   Round<Task> starts;
   for (int e = 0; e < count; ++e) {
@@ -96,7 +96,7 @@ void step_group(const Stepping& all, void* memory, int64_t first, int count) {
     environment.start(all, first + e);
     starts.add(environment.task, e);
   }
-  starts.solve(group.solver, Task::kStartSolves, finish);
+  starts.solve(group.solver, Task::kStartSolves, true, finish);
   for (int e = 0; e < count; ++e)
     group.environments[e].write_observation(all.observations, first + e);
 }
@@ -112,7 +112,7 @@ constexpr TaskEntry task_entry(const char* name, const char* flags) {
           flags,
           [] { return sizeof(Thread<Task>); },
           run_episodes<Task>,
-          Task::kHeld,
+          Task::kLanes,
           group_bytes<Task>,
           step_group<Task>};
 }

@@ -49,8 +49,9 @@ struct RayDirections {
 class Walker {
  public:
   static constexpr int kObservations = 24, kActions = 4, kDesign = 8;
-  // Enough to fill vectors with walkers in like contact with the ground.
-  static constexpr int kLanes = ENGINE::kLanes, kHeld = kLanes;
+  // Enough to fill vectors with walkers in like contact with the ground, and one with those whose
+  // position errors stay.
+  static constexpr int kLanes = ENGINE::kLanes, kPutOff = kWidth, kHeld = kLanes + kPutOff;
   static constexpr double kSolvedReturn = 300.0, kSolvedBonus = 100.0;  // points
   static constexpr bool kStartSolves = true;  // reset ends with a step of zero action
   enum Term { kProgress, kPosture, kEnergy, kFall, kTerms };
@@ -74,6 +75,9 @@ class Walker {
   uint32_t order() const { return step_.pattern(world_); }
   void load(Solver& solver, int lane) { step_.load(world_, solver, lane); }
   void store(const Solver& solver, int lane) { step_.store(world_, solver, lane); }
+  void store_solved(const Solver& solver, int lane) {
+    step_.store_positions(world_, solver, lane);
+  }
   void finish_step(uint32_t flags, Outcome<Walker>& outcome) {
     step_.finish(world_);
     observe(flags & kClosestHits, outcome);

@@ -3,8 +3,8 @@
 //
 // Like the velocity solver it runs on many worlds, one in each lane. Most steps need one iteration
 // or two, and nearly all others go on to the last: two are made for all worlds, and those that need
-// more are then put together in as few vectors as hold them. In the functions below, F is a vector
-// of lanes, or a float where continuous collision corrects a single body.
+// more wait until they fill a vector of their own. In the functions below, F is a vector of lanes,
+// or a float where continuous collision corrects a single body.
 #pragma once
 
 #include "common/sincos.h"
@@ -233,7 +233,11 @@ struct PositionChunk {
 
 class PositionSolver {
  public:
-  // Puts a world into a lane; the contacts of a body in their order.
+  // Puts a world into a lane, in the order of the lanes; first its contacts, those of a body in
+  // their order.
+  void begin_load(int lane) {
+    if (lane % kWidth == 0) chunk(lane).clear();
+  }
   void load(int lane, const IslandTerms<float>& terms) {
     scatter(&chunk(lane).terms, lane % kWidth, terms);
   }
@@ -241,9 +245,9 @@ class PositionSolver {
     chunk(lane).add_contact(lane % kWidth, body, slot, overlap_terms(manifold));
   }
 
-  // b2Island::Solve after the velocity iterations, for the first `lanes` lanes.
+  // b2Island::Solve after the velocity iterations, for the first `lanes` lanes: some of the
+  // position iterations.
   void solve(VelocitySolver& velocities, int lanes) {
-    int count = 0;
     for (int first = 0; first < lanes; first += kWidth) {
       const int c = first / kWidth;
       PositionChunk& chunk = chunks_[c];
@@ -252,48 +256,31 @@ class PositionSolver {
         integrate(chunk.terms.places[b], velocities.vx[b].chunk[c], velocities.vy[b].chunk[c],
                   velocities.w[b].chunk[c], kTimeStep, chunk.open);
       chunk.correct(kFirstIterations);
-      const uint32_t unsolved = lane_bits(chunk.open);
-      for (int l = 0; l < kWidth; ++l) {
-        solved_[first + l] = !(unsolved >> l & 1);
-        if (solved_[first + l]) continue;
-        rest_.take(count, chunk, l);
-        waiting_[count++] = first + l;
-        if (count == kWidth) correct_rest(count);
-      }
-      chunk.clear();
     }
-    if (count > 0) correct_rest(count);
   }
+  // The other iterations of the first `count` lanes from kLanes on.
+  void solve_rest(int count) {
+    PositionChunk& rest = chunk(kLanes);
+    rest.open = first_lanes(count);
+    rest.correct(kPositionIterations - kFirstIterations);
+    rest.clear();
+  }
+  // Moves a world to a lane from kLanes on.
+  void move(int from, int to) { chunk(to).take(to % kWidth, chunk(from), from % kWidth); }
 
-  // What solve() left: where a world's bodies are, and whether its errors became small.
+  // Where a world's bodies are, and whether its errors became small.
   Place<float> place(int lane, int body) const {
     return gather(&chunks_[lane / kWidth].terms.places[body], lane % kWidth);
   }
-  bool solved(int lane) const { return solved_[lane]; }
+  bool solved(int lane) const {
+    return !(lane_bits(chunks_[lane / kWidth].open) >> lane % kWidth & 1);
+  }
 
  private:
   static constexpr int kFirstIterations = 2;
-  PositionChunk chunks_[kChunks];
-  PositionChunk rest_;       // worlds that need more iterations
-  int32_t waiting_[kWidth];  // their lanes
-  bool solved_[kLanes];
+  PositionChunk chunks_[kChunks + 1];  // the last one for worlds that need more iterations
 
   PositionChunk& chunk(int lane) { return chunks_[lane / kWidth]; }
-
-  // The other iterations of the first `count` worlds in rest_.
-  void correct_rest(int& count) {
-    rest_.open = first_lanes(count);
-    rest_.correct(kPositionIterations - kFirstIterations);
-    const uint32_t unsolved = lane_bits(rest_.open);
-    for (int i = 0; i < count; ++i) {
-      const int lane = waiting_[i];
-      solved_[lane] = !(unsolved >> i & 1);
-      for (int b = 0; b < kBodies; ++b)
-        scatter(&chunk(lane).terms.places[b], lane % kWidth, gather(&rest_.terms.places[b], i));
-    }
-    rest_.clear();
-    count = 0;
-  }
 };
 
 }  // namespace ENGINE::walker

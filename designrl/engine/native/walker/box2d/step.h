@@ -15,6 +15,10 @@ struct Solver {
     velocities.solve(lanes);
     positions.solve(velocities, lanes);
   }
+  bool solved(int lane) const { return positions.solved(lane); }
+  // Of the worlds that were not solved yet.
+  void put_off(int lane, int place) { positions.move(lane, kLanes + place); }
+  void solve_rest(int count) { positions.solve_rest(count); }
 };
 
 // A step of one world; to be called with the same world all along.
@@ -54,6 +58,7 @@ class Step {
   // b2Island::Solve up to the velocity iterations.
   void load(World& world, Solver& solver, int lane) {
     VelocitySolver& velocities = solver.velocities;
+    solver.positions.begin_load(lane);
     Motion motions[kBodies];
     const float dt_ratio = world.inverse_dt_before * kTimeStep;
     for (int b = 0; b < kBodies; ++b) {
@@ -101,7 +106,7 @@ class Step {
     solver.positions.load(lane, terms);
   }
 
-  // b2Island::Solve after the iterations: takes the impulses, velocities and positions.
+  // b2Island::Solve after the velocity iterations: takes the impulses and velocities.
   void store(World& world, const Solver& solver, int lane) {
     const VelocitySolver& velocities = solver.velocities;
     for (int b = 0; b < kBodies; ++b) {
@@ -110,13 +115,19 @@ class Step {
       Body& body = world.bodies[b];
       body.velocity = {velocities.vx[b].lane[lane], velocities.vy[b].lane[lane]};
       body.angular_velocity = velocities.w[b].lane[lane];
+    }
+    for (int j = 0; j < kJoints; ++j) store_joint(velocities, lane, j, world.joints[j]);
+  }
+  // After the position iterations; of a world that was put off, from kLanes + its place.
+  void store_positions(World& world, const Solver& solver, int lane) {
+    for (int b = 0; b < kBodies; ++b) {
+      Body& body = world.bodies[b];
       const Place<float> at = solver.positions.place(lane, b);
       body.sweep.c = {at.x, at.y};
       body.sweep.a = at.a;
       body.xf.q = {at.s, at.c};
       body.xf.p = body.sweep.c - mul(body.xf.q, body.sweep.local_center);
     }
-    for (int j = 0; j < kJoints; ++j) store_joint(velocities, lane, j, world.joints[j]);
     solved_ = solver.positions.solved(lane);
   }
 
