@@ -42,10 +42,18 @@ struct FixedNetwork {
 
   static void act(const float* weights, const float* __restrict in, const float* noise,
                   float* __restrict action) {
-    float sum[kOut];
-    for (int o = 0; o < kOut; ++o) sum[o] = in[0] * weights[o];
+    // In blocks that stay in registers: an array of numbers is kept in memory.
+    constexpr int kBytes = kOut % 8 == 0 && ENGINE_VECTOR_BYTES > 16 ? 32 : 16;
+    typedef float Block __attribute__((vector_size(kBytes), aligned(4), may_alias));
+    constexpr int kBlocks = kOut * 4 / kBytes;
+    static_assert(kBlocks * kBytes == kOut * 4);
+    Block sums[kBlocks];
+    const Block* row = reinterpret_cast<const Block*>(weights);
+    for (int b = 0; b < kBlocks; ++b) sums[b] = in[0] * row[b];
     for (int i = 1; i < kIn; ++i)
-      for (int o = 0; o < kOut; ++o) sum[o] += in[i] * weights[i * kOut + o];
+      for (int b = 0; b < kBlocks; ++b) sums[b] += in[i] * row[i * kBlocks + b];
+    float sum[kOut];
+    __builtin_memcpy(sum, sums, sizeof sum);
     const float* bias = weights + kIn * kOut;
     if constexpr (sizeof...(kMore) == 0) {
       for (int o = 0; o < kOut; ++o) sum[o] += bias[o];
