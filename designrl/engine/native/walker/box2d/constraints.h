@@ -154,7 +154,6 @@ inline void load_contact(VelocitySolver& solver, int lane, int body_index, int s
   ContactRows& rows = solver.contacts[body_index][slot];
   scatter(rows.terms, lane, contact_terms(contact, body));
   scatter(rows.impulses, lane, contact_impulses(contact));
-  rows.one.set(lane, true);
   rows.two.set(lane, contact.count == 2);
 }
 

@@ -87,7 +87,7 @@ class Step {
         solver.positions.load_contact(lane, b, k, contact.manifold);
         warm_start(constraint, body, motions[b]);
       }
-      velocities.contact_count[b][lane] = touching_count_[b];
+      velocities.contact_count[b].lane[lane] = float(touching_count_[b]);
     }
     IslandTerms<float> terms;
     for (int j : kIslandJoints) {

@@ -46,14 +46,14 @@ struct ContactImpulses {
 struct ContactRows {
   ContactTerms<Vector> terms[kChunks];
   ContactImpulses<Vector> impulses[kChunks];
-  MaskRow one, two;  // the slot is used; it has two points
+  MaskRow two;  // the contact has two points; where the slot is not used, anything
 };
 
 struct VelocitySolver {
   Row vx[kBodies], vy[kBodies], w[kBodies];
   JointRows joints[kJoints];
   ContactRows contacts[kBodies][kMaxTouching];
-  int32_t contact_count[kBodies][kLanes];
+  Row contact_count[kBodies];
 
   // For the first `lanes` lanes.
   void solve(int lanes);
@@ -63,13 +63,14 @@ struct VelocitySolver {
   struct Pass {
     ContactRows* rows;
     int body, chunk;
+    Mask one, two;  // the slot is used; with two points
   };
   int find_passes(Pass* passes, int chunks);
   template <int kUsedChunks>
   void iterate(const Pass* passes, int pass_count);
   template <int kUsedChunks>
   void solve_joint(int joint, const bool* limits);
-  void solve_contact(int body, ContactRows& rows, int c);
+  void solve_contact(const Pass& pass);
 };
 
 // b2RevoluteJoint::SolveVelocityConstraints. `limits`: (kUsedChunks,) some lane's joint is at one.
@@ -212,14 +213,15 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
 }
 
 // One contact slot of one body, in every lane of a chunk that uses it.
-inline void VelocitySolver::solve_contact(int body, ContactRows& rows, int c) {
-  const Mask one = rows.one.chunk(c);
+inline void VelocitySolver::solve_contact(const Pass& pass) {
+  const int body = pass.body, c = pass.chunk;
   const Vector x = vx[body].chunk[c], y = vy[body].chunk[c], turn = w[body].chunk[c];
   Vector new_x = x, new_y = y, new_turn = turn;
-  solve_contact_terms(rows.terms[c], rows.two.chunk(c), rows.impulses[c], new_x, new_y, new_turn);
-  vx[body].chunk[c] = select(one, new_x, x);
-  vy[body].chunk[c] = select(one, new_y, y);
-  w[body].chunk[c] = select(one, new_turn, turn);
+  solve_contact_terms(pass.rows->terms[c], pass.two, pass.rows->impulses[c], new_x, new_y,
+                      new_turn);
+  vx[body].chunk[c] = select(pass.one, new_x, x);
+  vy[body].chunk[c] = select(pass.one, new_y, y);
+  w[body].chunk[c] = select(pass.one, new_turn, turn);
 }
 
 // The contacts of one body must be solved in their order. Those of different bodies, and chunks,
@@ -231,15 +233,8 @@ inline int VelocitySolver::find_passes(Pass* passes, int chunks) {
     for (int b : kIslandBodies)
       for (int c = 0; c < chunks; ++c) {
         ContactRows& rows = contacts[b][k];
-        bool used = false;
-        for (int l = c * kWidth; l < (c + 1) * kWidth; ++l) {
-          const bool own = k < contact_count[b][l];
-          used |= own;
-          if (own) continue;
-          rows.one.set(l, false);
-          rows.two.set(l, false);
-        }
-        if (used) passes[count++] = {&rows, b, c};
+        const Mask one = less(Vector{} + float(k), contact_count[b].chunk[c]);
+        if (any(one)) passes[count++] = {&rows, b, c, one, both(one, rows.two.chunk(c))};
       }
     if (count == before) break;
   }
@@ -254,14 +249,13 @@ inline void VelocitySolver::iterate(const Pass* passes, int pass_count) {
       limits[j][c] = any(either(joints[j].lower.chunk(c), joints[j].upper.chunk(c)));
   for (int iteration = 0; iteration < kVelocityIterations; ++iteration) {
     for (int joint : kIslandJoints) solve_joint<kUsedChunks>(joint, limits[joint]);
-    for (int i = 0; i < pass_count; ++i)
-      solve_contact(passes[i].body, *passes[i].rows, passes[i].chunk);
+    for (int i = 0; i < pass_count; ++i) solve_contact(passes[i]);
   }
 }
 
 inline void VelocitySolver::solve(int lanes) {
   for (int b = 0; b < kBodies; ++b)
-    for (int l = lanes; l < kLanes; ++l) contact_count[b][l] = 0;
+    for (int l = lanes; l < kLanes; ++l) contact_count[b].lane[l] = 0.0f;
   Pass passes[kBodies * kChunks * kMaxTouching];
   const int chunks = (lanes + kWidth - 1) / kWidth;
   const int pass_count = find_passes(passes, chunks);
