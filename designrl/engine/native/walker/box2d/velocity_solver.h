@@ -178,7 +178,8 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
   const F d1x = vx - w * t.r1y, d1y = vy + w * t.r1x;
   const F vn1 = d1x * t.nx + d1y * t.ny;
   // One point: its accumulated impulse stays positive.
-  F n1 = maximum(a1 - t.normal_mass1 * vn1, zero), n2 = a2;
+  F n1 = maximum(a1 - t.normal_mass1 * vn1, zero);
+  F d1 = n1 - a1, px = d1 * t.nx, py = d1 * t.ny, turn = t.r1x * py - t.r1y * px;
   if (any_two) {
     // Two points: the first of four cases that solves the complementarity problem; in none of them,
     // the impulses stay.
@@ -200,16 +201,18 @@ inline void solve_contact_terms(const ContactTerms<F>& t, M two, ContactImpulses
     m1 = select(case1, both1, m1);
     m2 = select(case1, both2, m2);
     n1 = select(two, m1, n1);
-    n2 = select(two, m2, n2);
+    impulses.normal2 = select(two, m2, a2);
+    d1 = m1 - a1;
+    const F d2 = m2 - a2;
+    const F p1x = d1 * t.nx, p1y = d1 * t.ny, p2x = d2 * t.nx, p2y = d2 * t.ny;
+    px = select(two, p1x + p2x, px);
+    py = select(two, p1y + p2y, py);
+    turn = select(two, (t.r1x * p1y - t.r1y * p1x) + (t.r2x * p2y - t.r2y * p2x), turn);
   }
   impulses.normal1 = n1;
-  impulses.normal2 = n2;
-
-  const F d1 = n1 - a1, d2 = n2 - a2;
-  const F p1x = d1 * t.nx, p1y = d1 * t.ny, p2x = d2 * t.nx, p2y = d2 * t.ny;
-  vx = vx + t.m * (p1x + p2x);
-  vy = vy + t.m * (p1y + p2y);
-  w = w + t.i * ((t.r1x * p1y - t.r1y * p1x) + (t.r2x * p2y - t.r2y * p2x));
+  vx = vx + t.m * px;
+  vy = vy + t.m * py;
+  w = w + t.i * turn;
 }
 
 // One contact slot of one body, in every lane of a chunk that uses it.
