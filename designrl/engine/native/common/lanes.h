@@ -79,6 +79,8 @@ inline float clamp(float a, float low, float high) { return maximum(low, minimum
 inline bool less(float a, float b) { return a < b; }
 inline bool at_least(float a, float b) { return a >= b; }
 inline bool both(bool a, bool b) { return a & b; }
+inline bool either(bool a, bool b) { return a | b; }
+inline bool but_not(bool a, bool b) { return a & !b; }
 inline bool any(bool m) { return m; }
 inline float square_root(float a) { return __builtin_sqrtf(a); }
 inline float select(bool m, float a, float b) { return m ? a : b; }
