@@ -72,6 +72,14 @@ inline Mask first_lanes(int count) {
   return less(lane, Vector{} + float(count));
 }
 
+// Four numbers, with any instruction set.
+typedef float Four __attribute__((vector_size(16)));
+typedef int32_t FourIndices __attribute__((vector_size(16)));  // for __builtin_shuffle
+#if ENGINE_VECTOR_BYTES > 16
+inline Four minimum(Four a, Four b) { return _mm_min_ps(a, b); }
+inline Four maximum(Four a, Four b) { return _mm_max_ps(a, b); }
+#endif
+
 // The same for a single number, so that a kernel can be written once for both.
 inline float minimum(float a, float b) { return a < b ? a : b; }
 inline float maximum(float a, float b) { return a > b ? a : b; }

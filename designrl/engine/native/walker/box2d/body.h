@@ -9,6 +9,7 @@ struct Body {
   Polygon shape;
   float friction;
   float inverse_mass, inverse_inertia;  // 1/kg, 1/(kg m²)
+  float radius;                         // m, of the vertices around the centre of mass
   int proxy;                            // leaf of the tree
   Transform xf;
   Sweep sweep;
@@ -45,6 +46,12 @@ struct Body {
     inverse_inertia = 1.0f / inertia;
     sweep.local_center = center;
     sweep.c0 = sweep.c = mul(xf, center);
+    float radius2 = 0.0f;
+    for (int i = 0; i < shape.count; ++i) {
+      const Vec2 arm = shape.vertices[i] - center;
+      radius2 = maximum(radius2, dot(arm, arm));
+    }
+    radius = sqrtf(radius2);
   }
 
   void wake() {

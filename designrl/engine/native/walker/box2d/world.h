@@ -21,36 +21,31 @@ struct Contact {
 
 // A moving body's polygon at both ends of its sweep, in the world's frame.
 struct SweptPolygon {
-  Vec2 from[kMaxVertices], to[kMaxVertices];
+  Four ends[kMaxVertices];  // of the vertices' ways: both x, both y
   int count;
   Vec2 origin;  // of the body at the start, m
   Aabb box;     // of both ends, with the skin
   float sag;    // m, how far a vertex may leave the line between its ends as the body turns
 
   void set(const Body& body) {
-    const Polygon& shape = body.shape;
     const Sweep& sweep = body.sweep;
-    Transform before;
-    before.q = body.turn_at(sweep.a0);
-    before.p = sweep.c0 - mul(before.q, sweep.local_center);
-    origin = before.p;
-    count = shape.count;
-    float radius2 = 0.0f;
+    const Rot q0 = body.turn_at(sweep.a0), q1 = body.xf.q;
+    origin = sweep.c0 - mul(q0, sweep.local_center);
+    const Four along_x = {q0.c, q1.c, q0.s, q1.s}, along_y = {-q0.s, -q1.s, q0.c, q1.c};
+    const Four origins = {origin.x, body.xf.p.x, origin.y, body.xf.p.y};
+    count = body.shape.count;
+    Four low, high;
     for (int i = 0; i < count; ++i) {
-      from[i] = mul(before, shape.vertices[i]);
-      to[i] = mul(body.xf, shape.vertices[i]);
-      const Vec2 v = minimum(from[i], to[i]), w = maximum(from[i], to[i]);
-      box.lower = i ? minimum(box.lower, v) : v;
-      box.upper = i ? maximum(box.upper, w) : w;
-      const Vec2 arm = shape.vertices[i] - sweep.local_center;
-      radius2 = maximum(radius2, dot(arm, arm));
+      const Vec2 v = body.shape.vertices[i];
+      ends[i] = (v.x * along_x + v.y * along_y) + origins;
+      low = i ? minimum(low, ends[i]) : ends[i];
+      high = i ? maximum(high, ends[i]) : ends[i];
     }
-    const Vec2 skin = {kSkin, kSkin};
-    box.lower = box.lower - skin;
-    box.upper = box.upper + skin;
+    box = {{minimum(low[0], low[1]) - kSkin, minimum(low[2], low[3]) - kSkin},
+           {maximum(high[0], high[1]) + kSkin, maximum(high[2], high[3]) + kSkin}};
     // A chord of an arc of angle d and radius r lies within r d² / 8 of it.
     const float turn = sweep.a - sweep.a0;
-    sag = sqrtf(radius2) * turn * turn * 0.125f;
+    sag = body.radius * turn * turn * 0.125f;
   }
 
   // Whether the body stays farther than `gap` from a piece of terrain through the whole sweep: some
@@ -63,27 +58,33 @@ struct SweptPolygon {
     if (other.lower.x - box.upper.x > reach || box.lower.x - other.upper.x > reach ||
         other.lower.y - box.upper.y > reach || box.lower.y - other.upper.y > reach)
       return true;
+    float low, high;
     if (terrain.is_edge) {
-      float low = kMaxFloat, high = -kMaxFloat;
-      for (int i = 0; i < count; ++i) {
-        const float s0 = dot(terrain.normal, from[i] - terrain.v1);
-        const float s1 = dot(terrain.normal, to[i] - terrain.v1);
-        low = minimum(low, minimum(s0, s1));
-        high = maximum(high, maximum(s0, s1));
-      }
+      distances(terrain.normal, terrain.v1, low, high);
       return low > gap || high < -gap;
     }
     const Polygon& polygon = terrain.polygon;
     for (int side = 0; side < polygon.count; ++side) {
-      float low = kMaxFloat;
-      for (int i = 0; i < count; ++i) {
-        const float s0 = dot(polygon.normals[side], from[i] - polygon.vertices[side]);
-        const float s1 = dot(polygon.normals[side], to[i] - polygon.vertices[side]);
-        low = minimum(low, minimum(s0, s1));
-      }
+      distances(polygon.normals[side], polygon.vertices[side], low, high);
       if (low > gap) return true;
     }
     return false;
+  }
+
+ private:
+  // The least and the most that the ends lie in front of a line, m.
+  void distances(Vec2 normal, Vec2 on_line, float& least, float& most) const {
+    const Four nx_ny = {normal.x, normal.x, normal.y, normal.y};
+    const Four start = {on_line.x, on_line.x, on_line.y, on_line.y};
+    Four low, high;
+    for (int i = 0; i < count; ++i) {
+      const Four products = nx_ny * (ends[i] - start);
+      const Four sums = products + __builtin_shuffle(products, FourIndices{2, 3, 0, 1});
+      low = i ? minimum(low, sums) : sums;
+      high = i ? maximum(high, sums) : sums;
+    }
+    least = minimum(low[0], low[1]);
+    most = maximum(high[0], high[1]);
   }
 };
 
