@@ -100,13 +100,25 @@ struct Aabb {
   Vec2 lower, upper;
 };
 
-inline Aabb combine(const Aabb& a, const Aabb& b) {
-  return {minimum(a.lower, b.lower), maximum(a.upper, b.upper)};
+// The same in one vector, for the tree.
+inline Four to_vector(const Aabb& a) {
+  Four v;
+  __builtin_memcpy(&v, &a, sizeof v);
+  return v;
 }
-inline float perimeter(const Aabb& a) {
-  float wx = a.upper.x - a.lower.x, wy = a.upper.y - a.lower.y;
-  return 2.0f * (wx + wy);
+inline Aabb to_box(Four v) {
+  Aabb a;
+  __builtin_memcpy(&a, &v, sizeof a);
+  return a;
 }
+inline Four combine(Four a, Four b) {
+  return __builtin_shuffle(minimum(a, b), maximum(a, b), FourIndices{0, 1, 6, 7});
+}
+inline float perimeter(Four a) {
+  const Four size = __builtin_shuffle(a, FourIndices{2, 3, 2, 3}) - a;
+  return 2.0f * (size[0] + size[1]);
+}
+
 // Without short circuits: one branch that is hard to predict instead of four.
 inline bool contains(const Aabb& a, const Aabb& b) {
   return (a.lower.x <= b.lower.x) & (a.lower.y <= b.lower.y) & (b.upper.x <= a.upper.x) &

@@ -11,12 +11,12 @@ namespace ENGINE::walker {
 constexpr int kNone = -1;
 
 struct Tree {
-  struct Node {
+  struct alignas(32) Node {  // within a cache line
     Aabb box;
-    int parent;  // or the next free node
-    int child1, child2;
-    int height;  // 0 for a leaf
-    int item;    // leaf: what the owner put there
+    int16_t parent;  // or the next free node
+    int16_t child1, child2;
+    int16_t height;  // 0 for a leaf
+    int16_t item;    // leaf: what the owner put there
     bool is_leaf() const { return child1 == kNone; }
   };
 
@@ -102,10 +102,11 @@ struct Tree {
   }
 
   // Cost of putting a box below a child: the growth of its perimeter.
-  float descent_cost(const Node& child, const Aabb& box, float inherited) const {
-    float grown = perimeter(combine(box, child.box));
+  float descent_cost(const Node& child, Four box, float inherited) const {
+    const Four own = to_vector(child.box);
+    float grown = perimeter(combine(box, own));
     if (child.is_leaf()) return grown + inherited;
-    return (grown - perimeter(child.box)) + inherited;
+    return (grown - perimeter(own)) + inherited;
   }
 
   // b2DynamicTree::InsertLeaf: walks down by the surface area heuristic.
@@ -115,12 +116,13 @@ struct Tree {
       nodes[leaf].parent = kNone;
       return;
     }
-    const Aabb box = nodes[leaf].box;
+    const Four box = to_vector(nodes[leaf].box);
     int sibling = root;
     while (!nodes[sibling].is_leaf()) {
       const Node& node = nodes[sibling];
-      float area = perimeter(node.box);
-      float combined = perimeter(combine(node.box, box));
+      const Four own = to_vector(node.box);
+      float area = perimeter(own);
+      float combined = perimeter(combine(own, box));
       float cost = 2.0f * combined;
       float inherited = 2.0f * (combined - area);
       float cost1 = descent_cost(nodes[node.child1], box, inherited);
@@ -131,7 +133,7 @@ struct Tree {
     int old_parent = nodes[sibling].parent;
     int parent = allocate();
     nodes[parent].parent = old_parent;
-    nodes[parent].box = combine(box, nodes[sibling].box);
+    nodes[parent].box = to_box(combine(box, to_vector(nodes[sibling].box)));
     nodes[parent].height = nodes[sibling].height + 1;
     replace_child(old_parent, sibling, parent);
     nodes[parent].child1 = sibling;
@@ -166,7 +168,7 @@ struct Tree {
     Node& node = nodes[index];
     const Node &a = nodes[node.child1], &b = nodes[node.child2];
     node.height = 1 + (a.height > b.height ? a.height : b.height);
-    node.box = combine(a.box, b.box);
+    node.box = to_box(combine(to_vector(a.box), to_vector(b.box)));
   }
 
   // b2DynamicTree::Balance: a rotation where the children's heights differ by more than one.
@@ -181,7 +183,7 @@ struct Tree {
 
   // Lifts a child over its parent: the taller grandchild stays with it, the shorter one takes the
   // child's place below the old parent. `slot` is the parent's field that holds the child.
-  int rotate(int index, int child, int& slot) {
+  int rotate(int index, int child, int16_t& slot) {
     int first = nodes[child].child1, second = nodes[child].child2;
     bool keep_first = nodes[first].height > nodes[second].height;
     int kept = keep_first ? first : second, moved = keep_first ? second : first;
