@@ -63,8 +63,12 @@ struct VelocitySolver {
   struct Pass {
     ContactRows* rows;
     int body, chunk;
+    float place;    // among all passes, from 0 to 1
     Mask one, two;  // the slot is used; with two points
   };
+  Mask used(int body, int slot, int c) const {
+    return less(Vector{} + float(slot), contact_count[body].chunk[c]);
+  }
   int find_passes(Pass* passes, int chunks);
   template <int kUsedChunks>
   void iterate(const Pass* passes, int pass_count);
@@ -228,19 +232,23 @@ inline void VelocitySolver::solve_contact(const Pass& pass) {
 }
 
 // The contacts of one body must be solved in their order. Those of different bodies, and chunks,
-// have nothing in common: in turn, they hide each other's latencies. Returns the number of passes.
+// have nothing in common: in turn, they hide each other's latencies. So the passes of a body are
+// spread evenly among the others. Returns the number of passes.
 inline int VelocitySolver::find_passes(Pass* passes, int chunks) {
   int count = 0;
-  for (int k = 0; k < kMaxTouching; ++k) {
-    const int before = count;
-    for (int b : kIslandBodies)
-      for (int c = 0; c < chunks; ++c) {
+  for (int b : kIslandBodies)
+    for (int c = 0; c < chunks; ++c) {
+      int slots = 0;
+      while (slots < kMaxTouching && any(used(b, slots, c))) ++slots;
+      for (int k = 0; k < slots; ++k) {
         ContactRows& rows = contacts[b][k];
-        const Mask one = less(Vector{} + float(k), contact_count[b].chunk[c]);
-        if (any(one)) passes[count++] = {&rows, b, c, one, both(one, rows.two.chunk(c))};
+        const Mask one = used(b, k, c);
+        const float place = (float(k) + 0.5f) / float(slots);
+        int at = count++;
+        for (; at > 0 && passes[at - 1].place > place; --at) passes[at] = passes[at - 1];
+        passes[at] = {&rows, b, c, place, one, both(one, rows.two.chunk(c))};
       }
-    if (count == before) break;
-  }
+    }
   return count;
 }
 
