@@ -25,8 +25,9 @@ PYTHON ?= $(or $(wildcard $(BIN)/python),$(shell for p in python3.11 python3.12 
 CXX ?= g++
 READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-# Where Python or CFLAGS allow fused products (-march=native), Box2D and PyBullet would have other bits.
-EXACT := CFLAGS="$$CFLAGS -ffp-contract=off" CXXFLAGS="$$CXXFLAGS -ffp-contract=off"
+# Where CFLAGS allow fused products (-march=native), Box2D and PyBullet would have other bits; and
+# where CFLAGS are set, setuptools leaves out Python's own, -O3 among them.
+EXACT := CFLAGS="-O3 -DNDEBUG $$CFLAGS -ffp-contract=off" CXXFLAGS="-O3 -DNDEBUG $$CXXFLAGS -ffp-contract=off"
 ENGINE_SOURCES := setup.py $(shell find designrl/engine/native -type f)
 
 export ZOO BACKEND
@@ -55,6 +56,8 @@ $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES) | same-python
 	@echo "designrl: installing the pinned dependencies (some minutes the first time; box2d-py is compiled, and after Python 3.11, for which the last wheel is, PyBullet: 5 minutes of processor time in all)"
 	@grep -E '^(swig|setuptools|wheel|numpy)==' requirements.lock > $(VENV)/build-tools.lock
 	@$(PIP) install --quiet -r $(VENV)/build-tools.lock
+	@grep '^box2d-py==' requirements.lock > $(VENV)/box2d.lock
+	@$(EXACT) $(PIP) install --quiet --no-build-isolation --no-cache-dir -r $(VENV)/box2d.lock  # not one built otherwise
 	@$(EXACT) $(PIP) install --quiet --no-build-isolation -r requirements.lock
 	@echo "designrl: building the package and its engine"
 	@$(PIP) install --quiet --no-build-isolation --no-deps \
