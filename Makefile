@@ -82,23 +82,22 @@ reproduce: $(READY)
 reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
 
-FLAT_STEPS ?= 4000000
-HARDCORE_STEPS ?= 15000000
-FLAT_BODY := pretrained/biped-morphology/seed0.safetensors
-HARDCORE_BODY := pretrained/biped-hardcore-morphology/seed15.safetensors
+# The learned bodies are of earlier runs and stay, whatever becomes of these.
+TRANSFER := paper/transfer
+FLAT = --steps 4000000
+HARDCORE = --steps 15000000 --hardcore
+LEARNED = --design $(TRANSFER)/$(1)/body.safetensors
 CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@
-FLAT = $(CURVE) --steps $(FLAT_STEPS)
-HARDCORE = $(CURVE) --hardcore --steps $(HARDCORE_STEPS)
 transfer: $(foreach seed,0 1 2 3 4,$(foreach body,original learned, \
-  $(foreach task,flat hardcore,paper/transfer/$(task)/$(body)/seed$(seed).csv)))
-paper/transfer/flat/original/seed%.csv: | $(READY)
-	$(FLAT)
-paper/transfer/flat/learned/seed%.csv: | $(READY)
-	$(FLAT) --design $(FLAT_BODY)
-paper/transfer/hardcore/original/seed%.csv: | $(READY)
-	$(HARDCORE)
-paper/transfer/hardcore/learned/seed%.csv: | $(READY)
-	$(HARDCORE) --design $(HARDCORE_BODY)
+  $(foreach task,flat hardcore,$(TRANSFER)/$(task)/$(body)/seed$(seed).csv)))
+$(TRANSFER)/flat/original/seed%.csv: | $(READY)
+	$(CURVE) $(FLAT)
+$(TRANSFER)/flat/learned/seed%.csv: | $(READY)
+	$(CURVE) $(FLAT) $(call LEARNED,flat)
+$(TRANSFER)/hardcore/original/seed%.csv: | $(READY)
+	$(CURVE) $(HARDCORE)
+$(TRANSFER)/hardcore/learned/seed%.csv: | $(READY)
+	$(CURVE) $(HARDCORE) $(call LEARNED,hardcore)
 
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery

@@ -110,6 +110,8 @@ def test_the_recipes_in_the_table_are_those_of_the_experiments():
         "candidates × rollouts": lambda s: f"{s.population} × {s.rollouts}",
         "generations": lambda s: f"{s.generations:,}",
         "learning rate": lambda s: f"{s.learning_rate} × {s.learning_rate_decay}ᵍ",
+        "but at least": lambda s: f"{s.learning_rate_floor}",
+        "decay of σ": lambda s: f"{s.sigma_decay}ᵍ",
         "agent": lambda s: {"best": "the best candidate of a generation", "mean": "μ"}[s.keep],
     }
     page = (ROOT / "pretrained/README.md").read_text()
