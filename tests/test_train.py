@@ -214,6 +214,15 @@ def test_a_run_that_cannot_be_gone_on_with_is_left_alone(
     assert {path: file_hash(path) for path in folder.rglob("*") if path.is_file()} == before
 
 
+def test_a_lengthened_runs_recording_says_how_long_it_is(undisturbed, tmp_path):
+    folder = shutil.copytree(undisturbed, tmp_path / "run")
+    train(folder, resume=True, generations=6)
+    before, about = (read(run / "generations.mcap").metadata for run in (undisturbed, folder))
+    assert json.loads(about["settings"])["generations"] == 6
+    assert "--generations 6" in about["command"] and "--generations 5" in before["command"]
+    assert about["host"] == before["host"]
+
+
 def swap(name, make):
     """What puts something else in the place of a file or folder of a run."""
 

@@ -31,6 +31,7 @@ KEPT = {
     **{"/distribution": 3, "/returns": 3, "/evaluation": 3},
     **{"/body": 8, "/design": 30, "/summary": 400},
 }
+LENGTH = ("settings", "command")  # of a run: what a resume for more generations changes
 
 
 class RunWriter:
@@ -44,7 +45,8 @@ class RunWriter:
         metadata: what to say of the run; "experiment" names it and the body's dimensions.
         resume_generation: keep what an existing file holds of the generations before this one,
             drop the rest, and go on. Where some of them are missing, because the file was cut or
-            removed, a line on stderr and the metadata record "resumed" say so. The metadata stays.
+            removed, a line on stderr and the metadata record "resumed" say so. The metadata stays,
+            but for what tells the run's length.
 
     Raises (every method):
         RecordingError: the file cannot be written, or has gone from its place; the one to go on
@@ -59,7 +61,10 @@ class RunWriter:
         if old:
             _require_same_run(old, metadata)
         records = [record for record in old.metadata_records if record[0] != END] if old else []
-        if RUN not in dict(records):
+        if RUN in dict(records):
+            length = {key: metadata[key] for key in LENGTH if key in metadata}
+            records = [(n, {**about, **length} if n == RUN else about) for n, about in records]
+        else:
             records.append((RUN, metadata))
         gap = _gap(old.generations if old else (), resume_generation or 0)
         if resume_generation:
