@@ -164,7 +164,8 @@ def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> E
 
 def _walker(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
     env_id, paper = "designrl/BipedalWalker-v0", {"generations": 5000, "shaped_rewards": True}
-    zoo = {**paper, **_ZOO}
+    # The original body learns more slowly: after 5,000 it still rises.
+    zoo = {**paper, **_ZOO, "generations": 5000 if learns_design else 7000}
     return Experiment(
         *(name, letter, title, env_id, WALKER, WALKER_NETWORK, learns_design),
         **{"paper": paper, "zoo": zoo, "shaping": Shaping(), **kwargs},
@@ -177,7 +178,7 @@ def _hardcore(name: str, letter: str, title: str, learns_design: bool, **kwargs)
         flat,
         env_id="designrl/BipedalWalkerHardcore-v0",
         paper={**flat.paper, "generations": 10000},
-        # The original body learns more slowly, in shorter episodes.
+        # The same here, in shorter episodes at first.
         zoo={**flat.zoo, **_ZOO_HARDCORE, "generations": 6000 if learns_design else 8000},
     )
 
