@@ -10,6 +10,7 @@ is the same network in torch, for everything that wants gradients or batches; th
 float32 rounding.
 """
 
+import math
 import threading
 from collections.abc import Iterator
 from functools import cached_property
@@ -56,10 +57,9 @@ def tanh32(x: np.ndarray) -> np.ndarray:
 
 def noise_stds(log_stds: np.ndarray) -> np.ndarray:
     """Standard deviations (N, A) of the output noise, exp(log_std / 2), none of them infinite."""
-    # Row by row: how long the array is must not decide which loop of NumPy rounds a number.
-    with np.errstate(over="ignore"):
-        stds = np.array([np.exp(0.5 * row) for row in log_stds])
-    return np.minimum(stds, np.finfo(np.float64).max)
+    # NumPy's own exponential can have another last bit with AVX-512, and in short arrays.
+    largest = math.log(np.finfo(np.float64).max)
+    return np.vectorize(math.exp, otypes=[np.float64])(np.minimum(0.5 * log_stds, largest))
 
 
 def split_layers(network: Network, parameters) -> list:

@@ -211,7 +211,9 @@ def leg_area(scales: np.ndarray) -> np.ndarray:
 
 def leg_area_reward_factor(scales: np.ndarray) -> np.ndarray:
     """1 + ln(original leg area / leg area): the reward's factor for smaller legs (section 4.2)."""
-    return 1.0 + np.log(leg_area(np.ones(WALKER.design.size)) / leg_area(scales))
+    ratio = leg_area(np.ones(WALKER.design.size)) / leg_area(scales)
+    # NumPy's own logarithm can have another last bit with AVX-512 than without.
+    return 1.0 + np.vectorize(math.log, otypes=[np.float64])(ratio)
 
 
 def is_closest_lidar(version: str) -> bool:
