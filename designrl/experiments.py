@@ -178,7 +178,7 @@ def _hardcore(name: str, letter: str, title: str, learns_design: bool, **kwargs)
         flat,
         env_id="designrl/BipedalWalkerHardcore-v0",
         paper={**flat.paper, "generations": 10000},
-        # The same here, in shorter episodes at first.
+        # The original body learns more slowly, in shorter episodes.
         zoo={**flat.zoo, **_ZOO_HARDCORE, "generations": 6000 if learns_design else 8000},
     )
 
