@@ -200,7 +200,7 @@ def save(left: list[Planned], folder: Path) -> None:
             print(f"{scores.shown(target)} written")
 
 
-def verify(run: Planned) -> int:
+def compare(run: Planned) -> int:
     """Train the first generations of a published run again; returns how many were compared.
 
     Raises:
@@ -220,6 +220,18 @@ def verify(run: Planned) -> int:
     return len(held)
 
 
+def verify(runs: list[Planned]) -> None:
+    """Compare published runs; ends the program with a sentence for each that differs."""
+    differences: list[str] = []
+    for run in runs:
+        try:
+            print(f"{run.place}: {compare(run)} generations again, to the bit", flush=True)
+        except InputError as error:
+            differences.append(f"zoo: {error}")
+    if differences:
+        sys.exit("\n".join(differences))
+
+
 def main() -> None:
     """Train, save or verify the runs of the plan."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -234,9 +246,7 @@ def main() -> None:
     planned = [run for run in plan() if run.settings.experiment in only]
     left = [run for run in planned if not run.published]
     if args.verify:
-        for run in planned:
-            if run.published:
-                print(f"{run.place}: {verify(run)} generations again, to the bit", flush=True)
+        verify([run for run in planned if run.published])
     elif args.save:
         save(left, args.folder)
     else:
