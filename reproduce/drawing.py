@@ -173,7 +173,9 @@ def strips(experiments: tuple[str, ...], labels: tuple[str, ...], rank: int = 0)
     found = [scores.representative(name, rank) for name in experiments]
     same_task = len({EXPERIMENTS[name].env_id for name in experiments}) == 1
     figure = Figure(figsize=(WIDTH, 1), layout="constrained")
-    panels = figure.subplots(len(found), 1, squeeze=False, sharex=True)[:, 0]
+    # Of a missing run only a title is there.
+    rows = [1.0 if s else 0.01 for s in found]
+    panels = figure.subplots(len(found), 1, squeeze=False, sharex=True, height_ratios=rows)[:, 0]
     for axes, label, s in zip(panels, labels, found, strict=True):
         if s is None:
             axes.set_title(f"{label}: no checkpoint yet")
@@ -186,11 +188,13 @@ def strips(experiments: tuple[str, ...], labels: tuple[str, ...], rank: int = 0)
             f"({source_of(s)}); this one {w.score:.0f}{fell}"
         )
         draw_walk(axes, w)
+    panels = [axes for axes, s in zip(panels, found, strict=True) if s] or panels
     panels[-1].set_xlabel("distance from the left end of the course (m)")
+    panels[-1].tick_params(labelbottom=True)
     # Equal heights and scales in all rows, with the height that fills the width.
     middles = [np.mean(axes.get_ylim()) for axes in panels]
     height = max(np.ptp(axes.get_ylim()) for axes in panels)
     for axes, middle in zip(panels, middles, strict=True):
         axes.set_ylim(middle - height / 2, middle + height / 2)
-    figure.set_figheight(len(found) * (height / SPAN * (WIDTH - 0.55) + 0.27) + 0.33)
+    figure.set_figheight(sum(rows) * height / SPAN * (WIDTH - 0.55) + len(rows) * 0.27 + 0.33)
     return figure
