@@ -178,7 +178,7 @@ def strips(experiments: tuple[str, ...], labels: tuple[str, ...], rank: int = 0)
     panels = figure.subplots(len(found), 1, squeeze=False, sharex=True, height_ratios=rows)[:, 0]
     for axes, label, s in zip(panels, labels, found, strict=True):
         if s is None:
-            axes.set_title(f"{label}: no checkpoint yet")
+            axes.set_title(f"{label}: {scores.MISSING}")
             axes.set_axis_off()
             continue
         w = walk(s.agent, typical_seed(*(found if same_task else [s])))

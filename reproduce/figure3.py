@@ -86,7 +86,7 @@ def figures() -> dict[str, Figure]:
         s = scores.representative(experiment)
         strip.set_axis_off()
         if s is None:
-            strip.set_title(f"{label}: no checkpoint yet")
+            strip.set_title(f"{label}: {scores.MISSING}")
             plan.set_axis_off()
             continue
         strip.set_title(

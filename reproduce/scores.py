@@ -33,6 +33,7 @@ from designrl.workers import ProcessWorkers
 ROOT = Path(__file__).resolve().parents[1]
 EPISODES = 100  # as the paper's tables
 SEED = 0
+MISSING = "no checkpoint yet"  # in place of a score
 AGAIN = slice(0, None, 20)  # of the episodes, those that the reference plays, too
 AGAIN_SECONDS = 600.0  # that these may take; they take a few
 

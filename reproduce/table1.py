@@ -4,7 +4,7 @@ import numpy as np
 
 from designrl.bodies.ant import ANT, ANT_LEGS, ANT_PARTS
 from reproduce import scores
-from reproduce.tables import MISSING, PAPER, Table, row
+from reproduce.tables import PAPER, Table, row
 
 EXPERIMENT = "ant-morphology"
 READS = (EXPERIMENT,)
@@ -42,7 +42,7 @@ def tables() -> list[Table]:
                 for leg, (length, radius) in zip(ANT_LEGS, values[i], strict=True)
             ]
         if len(bodies) == 1:
-            rows.append(row([part.capitalize()], "ours", [MISSING, *[""] * 7], EXPERIMENT))
+            rows.append(row([part.capitalize()], "ours", [scores.MISSING, *[""] * 7], EXPERIMENT))
     names = [leg.title().replace("Front", "Top").replace("Back", "Bottom") for leg in ANT_LEGS]
     table = Table(
         "table1",

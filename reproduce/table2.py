@@ -5,7 +5,7 @@ import numpy as np
 from designrl.bodies.walker import WALKER, leg_area
 from designrl.experiments import EXPERIMENTS
 from reproduce import scores
-from reproduce.tables import MISSING, PAPER, Table, mean_and_std, row
+from reproduce.tables import PAPER, Table, mean_and_std, row
 
 ENVIRONMENTS = {  # ours -> as the paper names it
     "designrl/BipedalWalker-v0": "BipedalWalker-v2",
@@ -50,7 +50,7 @@ def tables() -> list[Table]:
         p = printed[name]
         add(name, PAPER, *p["score"], p["leg_area"], p["dimensions"])
         if not scores.pretrained(name):
-            rows.append(row(place(name), "ours", [MISSING, *[""] * 9], name))
+            rows.append(row(place(name), "ours", [scores.MISSING, *[""] * 9], name))
         found = scores.by_label(name)
         used += found.values()
         for source, s in found.items():

@@ -5,7 +5,7 @@ import numpy as np
 from designrl.experiments import EXPERIMENTS
 from reproduce import scores
 from reproduce.scores import usable
-from reproduce.tables import MISSING, PAPER, Cell, Table
+from reproduce.tables import PAPER, Cell, Table
 
 READS = tuple(EXPERIMENTS)
 
@@ -51,7 +51,7 @@ def tables() -> list[Table]:
         used += [s for runs in found.values() for s in runs.values()]
         ours = found["ours"].values()
         means, stds = [s.mean for s in usable(ours)], [s.std for s in usable(ours)]
-        value, words = "-", "no usable checkpoint" if ours else MISSING
+        value, words = "-", "no usable checkpoint" if ours else scores.MISSING
         if means:
             value, words = Cell(over_runs(means, stds), name), in_words(name, np.mean(means))
         words += "".join(f"; not used: {s.problem}" for s in ours if s.problem)

@@ -7,7 +7,7 @@ zoo/more.
 from designrl.experiments import EXPERIMENTS
 from designrl.published import RUNS
 from reproduce import scores
-from reproduce.tables import MISSING, PAPER, Table, row
+from reproduce.tables import PAPER, Table, row
 
 READS = tuple(EXPERIMENTS)
 
@@ -28,7 +28,7 @@ def tables() -> list[Table]:
             used += by_run.values()
             texts[source] = {
                 run: "not used" if s.problem else f"{s.mean:.0f}" for run, s in by_run.items()
-            } or {1: MISSING}
+            } or {1: scores.MISSING}
             records += [
                 {"experiment": name, "source": source, "run": run, "mean": s.mean, "std": s.std}
                 | {"sha256": s.sha256}

@@ -13,7 +13,6 @@ from reproduce import scores
 from reproduce.scores import Score
 
 PAPER = "paper"
-MISSING = "no checkpoint yet"
 _LATEX = {"%": r"\%", "&": r"\&", "#": r"\#", "_": r"\_", "±": r"$\pm$", "–": "--"}
 
 
