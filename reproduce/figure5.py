@@ -77,6 +77,7 @@ def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colou
     """Draw an experiment's runs over one of AXES: the population above, evaluations below."""
     for run in runs:
         at = (run.generation, run.steps / 1e6, run.core_hours)[AXES.index(axis)]
+        tested = np.interp(run.tested, run.generation, at)
         # The foremost run, and only it with its band: bands of many runs hide all.
         foremost = run is runs[-1]
         name = f"{label} ({run.episodes} episodes an evaluation)" if foremost else None
@@ -86,10 +87,10 @@ def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colou
         if foremost:
             low, high = run.mean - 2 * run.sd, run.mean + 2 * run.sd
             above.fill_between(at, low, high, alpha=0.2, linewidth=0, **pixels)
-            below.plot(at[run.tested], run.scores, ".", color=colour, markersize=2, alpha=0.6)
+            below.plot(tested, run.scores, ".", color=colour, markersize=2, alpha=0.6)
         above.plot(at, run.mean, linewidth=0.8, alpha=strength, label=name, **pixels)
         best = np.maximum.accumulate(run.scores)
-        below.step(at[run.tested], best, where="post", color=colour, alpha=strength, label=name)
+        below.step(tested, best, where="post", color=colour, alpha=strength, label=name)
 
 
 def show_differences(axes: Axes, experiment: str) -> None:

@@ -97,7 +97,9 @@ def card(s: Score, run: Run) -> str:
     m, experiment, design = s.agent.metadata, s.agent.experiment, s.agent.experiment.design
     error = 1.96 * s.std / np.sqrt(len(s.returns))
     mean, std = scores.paper()["table3"][experiment.name]
-    spent = [f"{run.steps[-1]:,} environment steps", f"{run.hours[-1]:.2f} hours"]
+    # The record of a last generation does not count the evaluation after it; its agent's does.
+    steps = max(int(run.steps[-1]), m["environment_steps"])
+    spent = [f"{steps:,} environment steps", f"{run.hours[-1]:.2f} hours"]
     if np.isfinite(run.core_hours[-1]):
         spent.insert(1, f"{run.core_hours[-1]:.2f} core-hours")
     factor = ", with the reward for smaller legs" * scores.rewards_small_legs(experiment.name)

@@ -100,7 +100,8 @@ def costs(ours: dict[str, list[Score]]) -> str:
         if name in table2.WALKERS and not scores.rewards_small_legs(name):
             at, solved = run.solved_at(), "not yet"
             if at is not None:  # a generation's number counts the updates by then, as a card does
-                solved = f"{run.generation[at] + 1:,}; {known(run.core_hours[at])}"
+                core_hours = np.interp(at, run.generation, run.core_hours)
+                solved = f"{at + 1:,}; {known(core_hours)}"
         if "hours" in (printed := scores.paper()["text"].get(name, {})):
             core_hours = printed["hours"] * figure5.PAPER_CORES
             paper = f"{printed['generations']:,}; {core_hours:,}"

@@ -33,7 +33,7 @@ class Run:
         steps, hours, core_hours: (G,) environment steps, wall time and processor time (NaN where it
             was not recorded) from the run's start to a generation's end.
         mean, sd: (G,) points, over the population, with training's changes of the reward.
-        tested: (E,) which generations were evaluated, as indices into the others.
+        tested: (E,) the evaluated generations; a thinned recording need not hold them.
         scores: (E,) points, mean over each evaluation's episodes.
         episodes: of an evaluation, at most.
     """
@@ -51,7 +51,7 @@ class Run:
     episodes: int
 
     def solved_at(self) -> int | None:
-        """Index of the generation before the first evaluation of SOLVED; None without one."""
+        """The generation before the first evaluation of SOLVED; None without one."""
         reached = self.tested[self.scores >= SOLVED]
         return int(reached[0]) if len(reached) else None
 
@@ -81,7 +81,7 @@ def read_run(path: Path) -> Run:
         core_hours=cpu_seconds / 3600 if cpu_seconds.any() else np.full(len(steps), np.nan),
         mean=mean,
         sd=sd,
-        tested=np.searchsorted(generation, tested).clip(max=len(generation) - 1),
+        tested=tested,
         scores=means,
         episodes=max(counts),
     )
