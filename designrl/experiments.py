@@ -146,9 +146,6 @@ _ZOO_ANT = {
 _ZOO_HARDCORE = {
     "population": 192,
     "rollouts": 4,
-    "learning_rate": 0.03,
-    "learning_rate_decay": 0.9995,
-    "learning_rate_floor": 0.0005,
     "sigma_decay": 0.9997,
 }
 
