@@ -42,7 +42,9 @@ def test_experiments_lists_all_eight(capsys):
     assert "paper: 192 × 16, 10,000 generations" in lines[-2]
     zoo = TrainSettings.of(list(EXPERIMENTS)[-1], "zoo")
     size = f"{zoo.population} × {zoo.rollouts}, {zoo.generations:,} generations"
-    assert f"zoo:   {size}, learning-rate-decay {zoo.learning_rate_decay}" in lines[-1]
+    rate = f"learning-rate-decay {zoo.learning_rate_decay}"
+    floor = f"learning-rate-floor {zoo.learning_rate_floor}"
+    assert f"zoo:   {size}, {rate}, {floor}" in lines[-1]
 
 
 def test_evaluate_prints_one_json_object_with_the_scores_that_python_gives(checkpoint, capsys):
