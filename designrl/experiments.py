@@ -146,6 +146,7 @@ _ZOO_ANT = {
 _ZOO_HARDCORE = {
     "population": 192,
     "rollouts": 4,
+    "generations": 6000,
     "sigma_decay": 0.9997,
 }
 # The original body learns less than half as fast there, so its schedule is twice as long.
@@ -182,10 +183,7 @@ def _hardcore(name: str, letter: str, title: str, learns_design: bool, **kwargs)
         flat,
         env_id="designrl/BipedalWalkerHardcore-v0",
         paper={**flat.paper, "generations": 10000},
-        zoo={
-            **flat.zoo,
-            **({**_ZOO_HARDCORE, "generations": 6000} if learns_design else _ZOO_HARDCORE_ORIGINAL),
-        },
+        zoo={**flat.zoo, **(_ZOO_HARDCORE if learns_design else _ZOO_HARDCORE_ORIGINAL)},
     )
 
 
