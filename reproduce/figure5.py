@@ -18,12 +18,11 @@ CAPTIONS = {
     "figure5": (
         "Figure 5",
         "Hardcore learning curves, with the original and a learned body, over generations, "
-        "environment steps and, where recordings hold processor time, core-hours. Above, the "
-        "population's return as training sees it: a fall costs nothing, success earns 100 more, so "
-        "it does not compare with scores. Below, evaluated agents, and the best one so far. Each "
-        "experiment's run with the paper's own settings, else its best one, has the population's "
-        "± 2 standard deviations; its other runs are pale. Dashed: 300 points, solved. Dotted: "
-        "when the paper's runs had solved it.",
+        "environment steps and core-hours. Above, the population's return as training sees it: a "
+        "fall costs nothing, success earns 100 more, so it does not compare with scores. Below, "
+        "evaluated agents, and the best one so far. Each experiment's run with the paper's own "
+        "settings, else its best one, has the population's ± 2 standard deviations; its other "
+        "runs are pale. Dashed: 300 points, solved. Dotted: when the paper's runs had solved it.",
     ),
     "curves": (
         "Curves on flat terrain",
@@ -116,11 +115,9 @@ def curves(experiments: tuple[str, ...]) -> Figure:
     """The learning curves of some experiments: two panels for each of AXES."""
     labels = {name: LABELS.get(name, EXPERIMENTS[name].title) for name in experiments}
     found = {name: read_runs(name, label) for name, label in labels.items()}
-    timed = any(np.isfinite(run.core_hours).any() for runs, _ in found.values() for run in runs)
-    columns = AXES if timed else AXES[:2]
     figure = Figure(figsize=(drawing.WIDTH, 3.9), layout="constrained")
-    panels = figure.subplots(2, len(columns), sharex="col", sharey="row")
-    for axis, (above, below) in zip(columns, panels.T, strict=True):
+    panels = figure.subplots(2, len(AXES), sharex="col", sharey="row")
+    for axis, (above, below) in zip(AXES, panels.T, strict=True):
         for (name, (runs, _)), colour in zip(found.items(), COLOURS, strict=True):
             draw(above, below, axis, runs, labels[name], colour)
         for axes in (above, below):

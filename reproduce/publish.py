@@ -99,9 +99,6 @@ def card(s: Score, run: Run) -> str:
     mean, std = scores.paper()["table3"][experiment.name]
     # The record of a last generation does not count the evaluation after it; its agent's does.
     steps = max(int(run.steps[-1]), m["environment_steps"])
-    spent = [f"{steps:,} environment steps", f"{run.hours[-1]:.2f} hours"]
-    if np.isfinite(run.core_hours[-1]):
-        spent.insert(1, f"{run.core_hours[-1]:.2f} core-hours")
     factor = ", with the reward for smaller legs" * scores.rewards_small_legs(experiment.name)
     paragraphs = [
         f"# {experiment.title}, seed {m['seed']}",
@@ -109,7 +106,8 @@ def card(s: Score, run: Run) -> str:
         f"**Score** {s.mean:.1f} ± {s.std:.1f} over {scores.EPISODES} rollouts (95 % interval of "
         f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; evaluation seed {scores.SEED}). "
         f"The paper's ten runs: {mean} ± {std}.",
-        f"**Cost** {', '.join(spent)} on {run.host}. Of {run.generation[-1] + 1:,} generations "
+        f"**Cost** {steps:,} environment steps, {run.core_hours[-1]:.2f} core-hours, "
+        f"{run.hours[-1]:.2f} hours on {run.host}. Of {run.generation[-1] + 1:,} generations "
         f"the agent after number {m['generation']:,} is kept ({m['environment_steps']:,} steps): "
         f"the one with the best evaluation during training ({m['score']:.1f} over "
         f"{m['score_episodes']} episodes{factor}).",

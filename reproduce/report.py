@@ -81,11 +81,8 @@ def does_a_learned_body_help(comparisons: list[dict]) -> str:
 def costs(ours: dict[str, list[Score]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
 
-    def known(hours: float) -> str:
-        return "-" if np.isnan(hours) else f"{hours:.2f}"
-
     def spent(steps: float, core_hours: float, hours: float) -> list[str]:
-        return [f"{steps / 1e6:,.0f} M", known(core_hours), known(hours)]
+        return [f"{steps / 1e6:,.0f} M", f"{core_hours:.2f}", f"{hours:.2f}"]
 
     rows, totals = [], []
     for name, s in ((name, s) for name, found in ours.items() for s in usable(found)):
@@ -98,10 +95,10 @@ def costs(ours: dict[str, list[Score]]) -> str:
             continue
         totals.append((run.steps[-1], run.core_hours[-1], run.hours[-1]))
         if name in table2.WALKERS and not scores.rewards_small_legs(name):
-            at, solved = run.solved_at(), "not yet"
+            at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
                 core_hours = np.interp(at, run.generation, run.core_hours)
-                solved = f"{at + 1:,}; {known(core_hours)}"
+                solved = f"{at + 1:,}; {core_hours:.2f}"
         if "hours" in (printed := scores.paper()["text"].get(name, {})):
             core_hours = printed["hours"] * figure5.PAPER_CORES
             paper = f"{printed['generations']:,}; {core_hours:,}"

@@ -30,8 +30,8 @@ class Run:
         papers: it has the paper's own settings.
         host: the machine, in words.
         generation: (G,) the recorded ones.
-        steps, hours, core_hours: (G,) environment steps, wall time and processor time (NaN where it
-            was not recorded) from the run's start to a generation's end.
+        steps, hours, core_hours: (G,) environment steps, wall time and processor time from the
+            run's start to a generation's end.
         mean, sd: (G,) points, over the population, with training's changes of the reward.
         tested: (E,) the evaluated generations; a thinned recording need not hold them.
         scores: (E,) points, mean over each evaluation's episodes.
@@ -78,7 +78,7 @@ def read_run(path: Path) -> Run:
         generation=generation,
         steps=steps,
         hours=seconds / 3600,
-        core_hours=cpu_seconds / 3600 if cpu_seconds.any() else np.full(len(steps), np.nan),
+        core_hours=cpu_seconds / 3600,
         mean=mean,
         sd=sd,
         tested=tested,
