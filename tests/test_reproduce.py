@@ -27,6 +27,7 @@ from designrl.train import TrainingRun
 from reproduce import (
     build,
     drawing,
+    figure5,
     publish,
     readme,
     report,
@@ -380,6 +381,9 @@ def test_learning_curve_is_the_recordings(trained, project):
     assert (np.diff(run.steps) > 0).all() and (np.diff(run.core_hours) > 0).all()
     assert run.episodes == 4 and run.solved_at() is None
     assert build.make("figure5") and build.make("figure5") is None
+    panels = figure5.curves(("biped", "ant")).axes
+    labels = tuple(panel.get_xlabel() for panel in panels[len(panels) // 2 :])
+    assert labels == figure5.AXES
 
 
 # ------------------------------------------------------------------------------------- publishing
