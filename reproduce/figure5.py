@@ -21,8 +21,8 @@ CAPTIONS = {
         "environment steps and core-hours. Above, the population's return as training sees it: a "
         "fall costs nothing, success earns 100 more, so it does not compare with scores. Below, "
         "evaluated agents, and the best one so far. Each experiment's run with the paper's own "
-        "settings, else its best one, has the population's ± 2 standard deviations; its other "
-        "runs are pale. Dashed: 300 points, solved. Dotted: when the paper's runs had solved it.",
+        "settings, else the best in evaluations, has the population's ± 2 standard deviations; the "
+        "others are pale. Dashed: 300 points, solved. Dotted: when the paper's runs had solved it.",
     ),
     "curves": (
         "Curves on flat terrain",
