@@ -32,8 +32,8 @@ ITEMS = (
     "transfer",
     *("readme", "report"),  # last: they show the others
 )
-# People write in the first, git does not keep the second: neither belongs to a committed manifest.
-NOT_COMMITTED = ("README.md", "paper/report.html")
+# People write in the first, git does not keep the others: none belongs to a committed manifest.
+NOT_COMMITTED = ("README.md", "report.html", ".svg", ".pdf")
 
 
 def load(name: str) -> ModuleType:
@@ -91,7 +91,9 @@ def make(name: str) -> list[Path] | None:
         return None
     written = write(module)
     outputs = hashes(written)
-    committed = {path: sha256 for path, sha256 in outputs.items() if path not in NOT_COMMITTED}
+    committed = {
+        path: sha256 for path, sha256 in outputs.items() if not path.endswith(NOT_COMMITTED)
+    }
     committed = {"command": f"make reproduce-{name}"} | state | {"outputs": committed}
     for path, content in ((manifest(name), committed), (here, local | {"outputs": outputs})):
         write_atomically(path, json.dumps(content, indent=1).encode() + b"\n")

@@ -32,7 +32,7 @@ CAPTIONS = {
 
 def reads() -> list[Path]:
     """The files that the report depends on."""
-    drawn = (scores.output_folder() / "figures" / f"{name}.svg" for name in CAPTIONS)
+    drawn = (scores.output_folder() / "figures" / f"{name}.png" for name in CAPTIONS)
     return [TEMPLATE, *drawn, *scores.read_for(*EXPERIMENTS), *figure5.reads(), *transfer.reads()]
 
 
@@ -47,23 +47,23 @@ def linked(cell: str | Cell) -> str:
     return f"[{cell}]({target})"
 
 
-def origin_line(item: str, folder: str, name: str, kinds: tuple[str, ...]) -> str:
+def origin_line(item: str, files: str) -> str:
     """Command, inputs and files of a table or figure, as one line under it."""
-    files = ", ".join(f"[{kind}]({folder}/{name}.{kind})" for kind in kinds)
     return f"*`make reproduce-{item}`; [hashes of what it read](inputs/{item}.json); {files}*"
 
 
 def table_part(item: str, table: Table) -> str:
     """A table with its notes, its numbers linked, and its origin."""
     # How scores were made, and from which checkpoints, is under Origins, once for all.
-    line = origin_line(item, "tables", table.name, ("md", "tex", "csv"))
+    files = (f"[{kind}](tables/{table.name}.{kind})" for kind in ("md", "tex", "csv"))
+    line = origin_line(item, ", ".join(files))
     return "\n\n".join([f"### {table.title}", table.markdown(linked), *table.notes, line])
 
 
 def figure_part(name: str) -> str:
     """A figure with its caption and origin."""
     item, title, caption = CAPTIONS[name]
-    line = origin_line(item, "figures", name, ("svg", "pdf"))
+    line = origin_line(item, f"writes figures/{name}.svg and .pdf too")
     return "\n\n".join([f"### {title}", f"![{title}](figures/{name}.png)", caption, line])
 
 
@@ -180,8 +180,8 @@ def page(text: str, folder: Path) -> str:
     body = re.sub(r"<td>(?=[^<]{30})", '<td class="long">', body)
 
     def inside(match: re.Match) -> str:
-        data = (folder / match[1]).with_suffix(".svg").read_bytes()
-        return f'src="data:image/svg+xml;base64,{base64.b64encode(data).decode()}"'
+        data = base64.b64encode((folder / match[1]).read_bytes()).decode()
+        return f'src="data:image/png;base64,{data}"'
 
     body = re.sub(r'src="(figures/[^"]+)"', inside, body)
     heads = re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', body)

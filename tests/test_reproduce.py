@@ -494,11 +494,11 @@ def test_report_is_one_file_whose_links_lead_somewhere(page):
 # Headless Chromium has no window as narrow as a phone's, so the page is looked at in a frame.
 LOOK = """<!DOCTYPE html><body><iframe id=f style="width:390px" srcdoc="{page}"></iframe><script>
 document.getElementById('f').addEventListener('load', e => {{
-  let page = e.target.contentDocument, images = [...page.images];
-  Promise.all(images.map(i => i.decode().then(() => i.width, () => 0))).then(widths => {{
-    let seen = {{widths: widths, page: page.documentElement.scrollWidth}};
-    document.body.innerText = 'SEEN' + JSON.stringify(seen) + 'NEES';
-  }});
+  let page = e.target.contentDocument, seen = {{
+    widths: [...page.images].map(i => i.naturalWidth && i.width),
+    page: page.documentElement.scrollWidth,
+  }};
+  document.body.innerText = 'SEEN' + JSON.stringify(seen) + 'NEES';
 }});
 </script></body>"""
 
