@@ -33,7 +33,7 @@ ITEMS = (
     *("readme", "report"),  # last: they show the others
 )
 # People write in the first, git does not keep the others: none belongs to a committed manifest.
-NOT_COMMITTED = ("README.md", "report.html", ".svg", ".pdf")
+NOT_COMMITTED = ("README.md", "paper/report.html", ".svg", ".pdf")
 
 
 def load(name: str) -> ModuleType:

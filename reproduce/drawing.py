@@ -49,6 +49,7 @@ def save(name: str, figure: Figure) -> list[Path]:
     """Write NAME.svg, .pdf and .png to the figures' folder; returns their paths."""
     folder = scores.output_folder() / "figures"
     paths = []
+    # A layout moves a little at each drawing: another order would change the committed PNG.
     for suffix, changing in (("svg", "Date"), ("pdf", "CreationDate"), ("png", "Software")):
         data = io.BytesIO()
         figure.savefig(data, format=suffix, dpi=200, metadata={changing: None})
