@@ -315,6 +315,23 @@ def test_ctrl_c_stops_a_long_rollout_at_once():
     assert sum(progress) < 2000 * 50
 
 
+def test_two_signals_at_once_are_one_interrupt():
+    # `make zoo` sends SIGTERM while the terminal's Ctrl-C has not been handled yet.
+    def both():
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    batch = random_batch(2000, 50, std=0.05)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        for _ in range(5):
+            with pytest.raises(KeyboardInterrupt):
+                threading.Timer(0.3, both).start()
+                rollout(FLAT, **batch)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def test_interrupts_at_any_moment_leave_a_working_engine():
     batch = random_batch(200, 20, std=0.05)
     for delay in (0.0, 0.001, 0.002, 0.005, 0.01, 0.02):

@@ -332,7 +332,10 @@ def _run(
 ) -> None:
     """The native call, in a thread of its own so that Ctrl-C and progress get through."""
     run = _library().designrl_engine_run
-    status, done = [], threading.Event()
+    status, ended = [], []
+    # A bare lock: a second Ctrl-C in threading.Event's wait() comes out of it as a RuntimeError.
+    done = threading.Lock()
+    done.acquire()
 
     def target():
         # Holds the batch: after a Ctrl-C at the wrong moment the caller may be gone before the
@@ -340,20 +343,22 @@ def _run(
         try:
             status.append(run(ctypes.byref(batch), task, isa, threads))
         finally:
-            done.set()
+            ended.append(True)
+            done.release()
 
     thread = threading.Thread(target=target, daemon=True)
     reported = 0
     try:
         thread.start()
-        while not done.wait(_POLL_SECONDS) or batch.finished > reported:
+        while not ended or batch.finished > reported:
+            done.acquire(timeout=_POLL_SECONDS)
             finished = batch.finished
             if progress and finished > reported:
                 progress(finished - reported)
             reported = finished
     finally:
         batch.stop = 1  # after an exception; otherwise all is done
-        if thread.ident is not None:
-            done.wait()
+        while thread.ident is not None and not ended:
+            done.acquire(timeout=_POLL_SECONDS)
     if status != [0]:
         raise MemoryError("the engine got no memory for its episodes")
