@@ -82,7 +82,7 @@ reproduce: $(READY)
 reproduce-%: $(READY) FORCE
 	@$(BIN)/python -m reproduce.build $*
 
-# The learned bodies are of earlier runs and stay, whatever becomes of these.
+# The learned bodies stay, whatever becomes of the runs that they are of.
 TRANSFER := paper/transfer
 FLAT = --steps 4000000
 HARDCORE = --steps 15000000 --hardcore

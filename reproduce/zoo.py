@@ -258,5 +258,7 @@ if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         main()
+    except KeyboardInterrupt:  # of --verify
+        sys.exit("zoo: stopped")
     except InputError as error:
         sys.exit(f"zoo: {error}")

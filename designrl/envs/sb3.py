@@ -1,4 +1,4 @@
-"""The vector environments for Stable-Baselines3 (`pip install designrl[sb3]`).
+"""The vector environments for Stable-Baselines3 (which `make setup` installs).
 
     from designrl.envs.sb3 import EngineVecEnv
 
