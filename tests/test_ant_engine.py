@@ -1,12 +1,10 @@
 """The compiled engine's ant has the bits of the reference, whatever it runs on."""
 
 import math
-import os
-import signal
-import threading
 
 import numpy as np
 import pytest
+from test_engine import interrupt_after
 
 from designrl import engine, envs, simulation
 from designrl.bodies.ant import ANT
@@ -172,9 +170,8 @@ def test_progress_counts_every_episode_once():
 
 def test_ctrl_c_stops_a_long_rollout_at_once():
     batch = random_batch(500, 50, std=0.05)  # minutes of work
-    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
     with pytest.raises(KeyboardInterrupt):
+        interrupt_after(0.5)
         rollout(TASK, **batch)
 
 

@@ -302,8 +302,12 @@ def test_progress_counts_every_episode_once():
     assert sum(counted) == 60
 
 
-def interrupt_after(seconds):
-    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
+def interrupt_after(seconds, *signals):
+    def send():
+        for number in signals or (signal.SIGINT,):
+            os.kill(os.getpid(), number)
+
+    threading.Timer(seconds, send).start()
 
 
 def test_ctrl_c_stops_a_long_rollout_at_once():
@@ -317,16 +321,12 @@ def test_ctrl_c_stops_a_long_rollout_at_once():
 
 def test_two_signals_at_once_are_one_interrupt():
     # `make zoo` sends SIGTERM while the terminal's Ctrl-C has not been handled yet.
-    def both():
-        os.kill(os.getpid(), signal.SIGINT)
-        os.kill(os.getpid(), signal.SIGTERM)
-
     batch = random_batch(2000, 50, std=0.05)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         for _ in range(5):
             with pytest.raises(KeyboardInterrupt):
-                threading.Timer(0.3, both).start()
+                interrupt_after(0.3, signal.SIGINT, signal.SIGTERM)
                 rollout(FLAT, **batch)
     finally:
         signal.signal(signal.SIGTERM, before)
