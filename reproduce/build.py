@@ -21,10 +21,10 @@ from types import ModuleType
 
 from tqdm import tqdm
 
-from designrl.errors import InputError
 from designrl.files import file_hash, write_atomically
 from designrl.provenance import sources_hash
 from reproduce import drawing, scores
+from reproduce.program import program
 
 ITEMS = (
     *("table1", "table2", "table3", "table4", "statistics"),
@@ -118,7 +118,5 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    try:
+    with program("reproduce"):
         main(sys.argv[1:])
-    except InputError as error:
-        sys.exit(f"reproduce: {error}")

@@ -16,6 +16,7 @@ from designrl.experiments import EXPERIMENTS
 from designrl.video import captioned, film, write_video
 from reproduce import scores
 from reproduce.drawing import typical_seed
+from reproduce.program import program
 from reproduce.scores import Score
 
 WIDTH = 400  # pixels
@@ -53,4 +54,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with program("gallery"):
+        main()

@@ -9,7 +9,6 @@ steps of a rollout of the agent; all that the run's folder holds is not needed a
 
 import argparse
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
 from reproduce import drawing, figure5, scores
+from reproduce.program import program
 from reproduce.runs import Run, read_run, recording_of
 from reproduce.scores import Score
 
@@ -37,10 +37,8 @@ def main(argv: list[str] | None = None) -> None:
         "--replace", action="store_true", help="also where another run of this seed is published"
     )
     args = parser.parse_args(argv)
-    try:
+    with program("publish"):
         print(publish(args.run, args.replace))
-    except (InputError, OSError) as error:
-        sys.exit(f"publish: {error}")
 
 
 def publish(run: Path, replace: bool = False, name: str | None = None) -> str:

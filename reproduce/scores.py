@@ -142,15 +142,14 @@ def score_all(files: list[tuple[Path, str]]) -> list[Score]:
         InputError: engine and reference differ.
     """
     found = [load_design(path, experiment) for path, experiment in files]
-    missing = {}
+    missing = []
     for i, s in enumerate(found):
         if not s.problem:
-            kept = kept_at(s)
             try:
-                returns = np.array(json.loads(kept.read_text())["returns"], dtype=np.float64)
-                found[i] = replace(s, returns=returns)
+                kept = json.loads(kept_at(s).read_text())
+                found[i] = replace(s, returns=np.array(kept["returns"], dtype=np.float64))
             except (OSError, ValueError, KeyError, TypeError):
-                missing[i] = kept  # a missing or damaged entry is computed
+                missing.append(i)  # a missing or damaged entry is computed
     total = len(missing) * EPISODES
     with tqdm(total=total, unit="episode", leave=False, disable=None if missing else True) as bar:
         workers = len(os.sched_getaffinity(0))
@@ -158,11 +157,19 @@ def score_all(files: list[tuple[Path, str]]) -> list[Score]:
             bar.set_postfix_str(shown(found[i].path))
             result = evaluate(found[i].agent, EPISODES, SEED, workers, backend(), bar.update)
             found[i] = replace(found[i], returns=result.scores, backend=result.backend)
-    compare_with_reference([found[i] for i in missing if found[i].backend == "engine"])
-    for i, kept in missing.items():
-        content = {"sha256": found[i].sha256, "returns": found[i].returns.tolist()}
-        write_atomically(kept, json.dumps(content).encode())
+            if result.backend != "engine":
+                keep(found[i])  # at once: the reference is slow
+    of_engine = [found[i] for i in missing if found[i].backend == "engine"]
+    compare_with_reference(of_engine)
+    for s in of_engine:
+        keep(s)
     return found
+
+
+def keep(s: Score) -> None:
+    """Keep the scores of a checkpoint."""
+    content = {"sha256": s.sha256, "returns": s.returns.tolist()}
+    write_atomically(kept_at(s), json.dumps(content).encode())
 
 
 def kept_at(s: Score) -> Path:

@@ -33,6 +33,7 @@ from designrl.recording import read, thin
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import scores
+from reproduce.program import program
 from reproduce.publish import publish
 
 # How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
@@ -256,9 +257,5 @@ def main() -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    with program("zoo"):
         main()
-    except KeyboardInterrupt:  # of --verify
-        sys.exit("zoo: stopped")
-    except InputError as error:
-        sys.exit(f"zoo: {error}")

@@ -4,6 +4,7 @@ import csv
 import html
 import json
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -103,6 +104,46 @@ def test_scores_of_the_engine_are_those_of_the_reference_or_none(project, monkey
     monkeypatch.setenv("BACKEND", "reference")
     monkeypatch.setattr(scores, "evaluate", evaluate)
     assert scores.score(path, "biped").backend == "reference"
+
+
+def test_what_the_reference_has_scored_is_kept_through_ctrl_c(project, monkeypatch):
+    files = [(pretrain(project, "ant", f"seed{k}", seed=k), "ant") for k in range(2)]
+
+    def stopped(agent, *arguments):
+        if any(project.rglob(".cache/**/*.json")):
+            raise KeyboardInterrupt
+        return stub_scores(agent, *arguments)
+
+    monkeypatch.setattr(scores, "evaluate", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        scores.score_all(files)
+    monkeypatch.setattr(scores, "evaluate", stub_scores)
+    first, second = scores.score_all(files)
+    assert (first.backend, second.backend) == ("", "reference")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (KeyboardInterrupt(), "stopped; the same command goes on"),
+        (InputError("x.mcap is empty; train again"), "x.mcap is empty; train again"),
+        (OSError(28, "No space left on device", "table1.md"), "[Errno 28] No space left on device"),
+    ],
+)
+@pytest.mark.parametrize(("module", "name"), [("build", "reproduce"), ("gallery", "gallery")])
+def test_a_command_that_is_stopped_ends_with_a_sentence(
+    project, monkeypatch, module, name, error, said
+):
+    def stopped(*_):
+        raise error
+
+    for used in ("output_folder", "representative"):
+        monkeypatch.setattr(scores, used, stopped)
+    monkeypatch.setattr(sys, "argv", [module])
+    monkeypatch.delitem(sys.modules, f"reproduce.{module}", raising=False)
+    with pytest.raises(SystemExit) as end:
+        runpy.run_module(f"reproduce.{module}", run_name="__main__")
+    assert end.value.code.startswith(f"{name}: {said}")
 
 
 # ------------------------------------------------------------------------------- what is committed
