@@ -113,9 +113,7 @@ def read_limited(path: str | Path, limit: int) -> bytes:
     try:
         path.stat()
         if path.is_dir():
-            inside = path / "generations.mcap"
-            name = f"a file in it, as {inside}" if inside.exists() else "a file in it"
-            raise InputError(f"{path} is a folder; name {name}")
+            raise InputError(f"{path} is a folder; name a file in it")
         if not path.is_file():
             raise InputError(f"{path} is not a file; name one")
         with path.open("rb") as file:
