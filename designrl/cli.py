@@ -23,11 +23,6 @@ EXIT_INPUT = 2
 EXIT_INTERRUPTED, EXIT_PIPE = 130, 141  # as a shell reports what SIGINT or SIGPIPE ended
 
 
-def available_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def load_module(name: str) -> None:
     """Run a module, by its file or its name: it registers experiments of the user's own.
 
@@ -158,6 +153,7 @@ def _import(args) -> None:
     from designrl.checkpoint import fitting, load_published, save
 
     require_new(args.output)
+    _require_suffix(args.output, ".safetensors")
     agent = load_published(args.file, get_experiment(args.experiment))
     save(agent, args.output)
     others = [name for name in fitting(len(agent.parameters)) if name != args.experiment]
@@ -300,7 +296,7 @@ def parser() -> argparse.ArgumentParser:
         group.add_argument(
             "--workers",
             type=int,
-            default=available_cores(),
+            default=len(os.sched_getaffinity(0)),
             help="processes or threads (default: %(default)s); they do not change the result",
         )
 

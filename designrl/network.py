@@ -28,8 +28,3 @@ class TanhPolicy(torch.nn.Module):
             if i < count - 1 or self.network.output == "tanh":
                 x = torch.tanh(x)
         return x
-
-    @property
-    def std(self) -> torch.Tensor | None:
-        """(A,) standard deviation of the output noise before the activation; None without."""
-        return torch.exp(0.5 * self.layers[-1]) if self.network.noise else None

@@ -126,12 +126,12 @@ class Simulator(AbstractContextManager):
             creator = creator if callable(creator) else load_env_creator(creator)
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
                 raise InputError(f"{self.experiment.name} has no {unknown[0]}; leave it out")
-        if backend == "engine":
-            if envs.engine_task(self.experiment.env_id, **env_kwargs) is None:
-                backend = "reference"
-            elif reason := engine_reason(self.experiment, self.network):
-                print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
-                backend = "reference"
+        kwargs = {**self.experiment.training_kwargs, **env_kwargs}
+        if envs.engine_task(self.experiment.env_id, **kwargs) is None:  # or refuses a value
+            backend = "reference"
+        if backend == "engine" and (reason := engine_reason(self.experiment, self.network)):
+            print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
+            backend = "reference"
         self.backend = backend
         self._pool = None
         if ray is not None:
@@ -328,7 +328,7 @@ def engine_reason(experiment: Experiment, network: Network) -> str | None:
 
 
 def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
-    """The same from the compiled engine; where a worker has none, from the reference.
+    """`run_reference` from the compiled engine; where a worker has none, from the reference.
 
     Args:
         options: `threads`, `progress` and others of `designrl.engine.rollout`.

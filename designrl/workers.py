@@ -1,9 +1,9 @@
 """Where simulations run: in this process, in processes beside it, or on a Ray cluster.
 
-All three have one method, `run(function, candidates, tasks, seconds)`. A task is (rows, *arguments)
-and its result `function(candidates[rows], *arguments)`; (index, result) come as they are ready.
-Which worker did a task never matters: one that dies, fails or takes longer than `seconds` is
-replaced and its task done again. A task that fails three times is at fault itself (TaskError).
+Each is a `run(function, candidates, tasks, seconds)`. A task is (rows, *arguments) and its result
+`function(candidates[rows], *arguments)`; (index, result) come as they are ready. Which worker did a
+task never matters: one that dies, fails or takes longer than `seconds` is replaced and its task
+done again. A task that fails three times (here, once) is at fault itself (TaskError).
 """
 
 import ipaddress

@@ -8,7 +8,7 @@ Each item is one module of this package. READS names the experiments whose score
 writes its files itself and returns their paths) makes it. What an item read and wrote stands, by
 SHA-256, in paper/inputs/NAME.json, committed with the outputs, so that a test can tell whether they
 belong together. An item is made again when one of these files has changed, or on this machine
-(.cache/reproduce/) the code or a library.
+(.cache/reproduce/) the code, a library or the backend.
 """
 
 import importlib
@@ -83,7 +83,7 @@ def make(name: str) -> list[Path] | None:
     """Make an item; None where it is up to date, else what was written."""
     module = load(name)
     state = {"versions": used_versions(), "inputs": hashes(reads(module))}
-    local = state | {"code": code()}
+    local = state | {"code": code(), "backend": scores.backend()}
     here = scores.ROOT / ".cache" / "reproduce" / scores.output_folder().name / f"{name}.json"
     kept = json.loads(here.read_text(encoding="utf-8")) if here.exists() else {"outputs": ()}
     now = local | {"outputs": hashes(scores.ROOT / path for path in kept["outputs"])}

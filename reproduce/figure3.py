@@ -53,7 +53,7 @@ def diagram(axes: Axes, body: np.ndarray) -> None:
     for part in leg_capsules(body):
         start = tips[part.parent]
         tips[part.name] = start + np.array(part.end[:2])
-        capsule(axes, start, tips[part.name], part.radius, COLOURS[part.name.split()[-1]])
+        capsule(axes, start, tips[part.name], part.radius, COLOURS[part.kind])
     axes.set_aspect("equal")
     axes.set_xlim(2.4, -2.4)  # left of the ant is left
     axes.set_ylim(-1.8, 1.8)

@@ -31,7 +31,7 @@ def frames(s: Score) -> Iterator[Image.Image]:
         if seconds >= FIRST:
             image = Image.fromarray(picture)
             size = WIDTH, round(image.height * WIDTH / image.width)
-            name = f"{EXPERIMENTS[s.agent.experiment.name].title}, {s.run}"
+            name = f"{s.agent.experiment.title}, {s.run}"
             score = f"{s.mean:.0f} ± {s.std:.0f}"
             yield captioned(image.resize(size, Image.Resampling.LANCZOS), name, score)
 

@@ -119,8 +119,8 @@ def shown(path: Path) -> str:
     return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else path.name
 
 
-def load_design(path: Path, experiment: str) -> Score:
-    """A checkpoint with its design but without scores; a `problem` where it cannot be used."""
+def unscored(path: Path, experiment: str) -> Score:
+    """A checkpoint without scores; a `problem` where it cannot be used."""
     try:
         agent = load(path, experiment)
     except InputError as error:
@@ -141,7 +141,7 @@ def score_all(files: list[tuple[Path, str]]) -> list[Score]:
     Raises:
         InputError: engine and reference differ.
     """
-    found = [load_design(path, experiment) for path, experiment in files]
+    found = [unscored(path, experiment) for path, experiment in files]
     missing = []
     for i, s in enumerate(found):
         if not s.problem:
@@ -267,7 +267,7 @@ def by_label(experiment: str, scored: bool = True) -> dict[str, Score]:
     """Our runs, "ours, seed 0" for instance, and with ZOO the author's run 1."""
     paths = pretrained(experiment) + ([authors(experiment)[1]] if zoo() else [])
     files = [(path, experiment) for path in paths]
-    found = score_all(files) if scored else [load_design(*file) for file in files]
+    found = score_all(files) if scored else [unscored(*file) for file in files]
     ours = len(pretrained(experiment))
     labels = [f"ours, {s.run}" for s in found[:ours]] + ["author's weights"]
     return dict(zip(labels, found, strict=False))

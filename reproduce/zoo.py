@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from designrl.checkpoint import STATE_FORMAT, load, read_tensors
 from designrl.errors import InputError
-from designrl.experiments import get_experiment
+from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import write_atomically
 from designrl.recording import read, thin
 from designrl.settings import TrainSettings
@@ -74,7 +74,7 @@ class Planned:
 
 def plan() -> Iterator[Planned]:
     """All runs, those that make every row of Table 3 useful first."""
-    names = {get_experiment(name).letter: name for name in scores.EXPERIMENTS}
+    names = {experiment.letter: name for name, experiment in EXPERIMENTS.items()}
 
     def seeds(counts: dict[str, int], start: dict[str, int]) -> Iterator[Planned]:
         for seed in range(max(counts.values())):
@@ -243,7 +243,7 @@ def main() -> None:
     what.add_argument("--save", action="store_true", help="unfinished runs to logs/unfinished")
     what.add_argument("--verify", action="store_true", help="the first generations once more")
     args = parser.parse_args()
-    only = {get_experiment(name).name for name in args.only or scores.EXPERIMENTS}
+    only = {get_experiment(name).name for name in args.only or EXPERIMENTS}
     planned = [run for run in plan() if run.settings.experiment in only]
     left = [run for run in planned if not run.published]
     if args.verify:

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from test_engine import interrupt_after
 
 from designrl import engine, envs, simulation
 from designrl.bodies.ant import ANT
@@ -160,19 +159,6 @@ def test_an_action_that_is_no_number_is_an_error_as_in_the_reference():
     batch["weights"][1, -80:] = 3e38
     with pytest.raises(InputError, match="candidate 1 .* no finite number"):
         rollout(SHORT, **batch)
-
-
-def test_progress_counts_every_episode_once():
-    counted = []
-    rollout(SHORT, **random_batch(30, 2), progress=counted.append)
-    assert sum(counted) == 60
-
-
-def test_ctrl_c_stops_a_long_rollout_at_once():
-    batch = random_batch(500, 50, std=0.05)  # minutes of work
-    with pytest.raises(KeyboardInterrupt):
-        interrupt_after(0.5)
-        rollout(TASK, **batch)
 
 
 def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):

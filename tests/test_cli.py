@@ -103,6 +103,7 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
             "r.txt would not be opened as what it is; give it a name in .mcap",
         ),
         ("record agent.safetensors -o r.mcap --episode -1", "--episode counts from 0"),
+        ("import weights.json --experiment biped -o r.json", "give it a name in .safetensors"),
         ("replay r.mcap --save r.png", "r.png would not be opened as what it is"),
         ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),

@@ -14,7 +14,7 @@ import pytest
 
 from designrl import engine
 from designrl.bodies.walker import WALKER
-from designrl.engine import Task, act_function, instruction_set, rollout
+from designrl.engine import Task, act_function, instruction_set, rollout, stepper
 from designrl.engine.verify import (
     TERRAINS,
     Case,
@@ -136,13 +136,12 @@ def test_the_simulator_gives_the_same_result_with_either_backend():
 @pytest.mark.parametrize("experiment, network", NETWORKS)
 def test_the_compiled_policy_has_the_bits_of_the_policy(experiment, network):
     rng = np.random.default_rng(5)
-    body = experiment.design.size if experiment.design else 0
-    outputs = network.sizes[-1]
-    count = network.num_parameters - network.noise * outputs
+    size, outputs = experiment.parameters_with(network), network.sizes[-1]
     for std in (0.1, 10.0):  # the latter saturates
-        agent = Agent(experiment, std * rng.standard_normal(network.num_parameters + body), network)
-        act = act_function(network.sizes, network.output == "tanh", agent.parameters[:count])
-        in_numpy = forward_function(network, agent.parameters[:count])
+        agent = Agent(experiment, std * rng.standard_normal(size), network)
+        weights = agent.parameters[: network.num_weights]
+        act = act_function(network.sizes, network.output == "tanh", weights)
+        in_numpy = forward_function(network, weights)
         for x in rng.standard_normal((50, network.sizes[0])).astype(np.float32):
             for noise in (None, rng.standard_normal(outputs).astype(np.float32)):
                 assert in_numpy(x, noise).tobytes() == act(x, noise).tobytes()
@@ -179,6 +178,24 @@ def test_without_the_library_episodes_are_the_same(name, monkeypatch, capsys):
 def test_a_library_of_another_version_is_refused(monkeypatch):
     monkeypatch.setattr(engine, "_Batch", ctypes.c_int64)
     assert "of another version" in engine._load.__wrapped__()
+    monkeypatch.setattr(stepper, "_Stepping", ctypes.c_int64)
+    with pytest.raises(InputError, match="of another version"):
+        stepper.Stepper(FLAT, 1)
+
+
+@pytest.mark.parametrize(
+    "keywords, backend",
+    [({"hardcore": True}, "engine"), ({"lidar": "v3"}, "engine"), ({"design": None}, "reference")],
+)
+def test_keywords_of_the_environment_mean_the_same_on_the_engine(keywords, backend):
+    candidates = np.random.default_rng(3).standard_normal((1, 2804))
+    results = []
+    for asked in ("engine", "reference"):
+        with Simulator("biped", asked, **keywords) as simulator:
+            assert simulator.backend == (backend if asked == "engine" else asked)
+            result = simulator.rollout(candidates, np.array([[7]]))
+            results.append((result.returns, result.steps))
+    assert_same(*results)
 
 
 @pytest.mark.parametrize("task", [FLAT, HARDCORE], ids=["flat", "hardcore"])

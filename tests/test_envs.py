@@ -8,7 +8,6 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from stable_baselines3 import PPO
 
 import designrl  # noqa: F401
 
@@ -49,12 +48,6 @@ def test_gymnasiums_checker_accepts_it(env_id):
         warnings.simplefilter("ignore")  # it also wishes for bounded observations
         env = make(env_id, design=designs(env_id)[0], render_mode="rgb_array")
         check_env(env.unwrapped, skip_render_check=False)
-
-
-def test_stable_baselines3_trains_on_it(env_id):
-    model = PPO("MlpPolicy", make(env_id, design=designs(env_id)[0]), n_steps=512, seed=0)
-    model.learn(total_timesteps=1024)
-    assert model.num_timesteps == 1024
 
 
 def test_an_episode_does_not_depend_on_earlier_ones(env_id):

@@ -12,8 +12,7 @@ from designrl.policy import Agent, tanh32
 
 def random_agent(name, seed=0, network=None, scale=0.5):
     experiment = get_experiment(name)
-    size = (network or experiment.network).num_parameters
-    size += experiment.design.size if experiment.design else 0
+    size = experiment.parameters_with(network or experiment.network)
     return Agent(experiment, scale * np.random.default_rng(seed).standard_normal(size), network)
 
 

@@ -205,8 +205,9 @@ def test_wrong_input_is_refused():
         *(("workers is .* whole number", {"workers": n}) for n in (0, 1.5, "2", None)),
         ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),
     ):
-        with pytest.raises(InputError, match=words):
-            Simulator("biped", **arguments)
+        for backend in ("engine", "reference"):
+            with pytest.raises(InputError, match=words):
+                Simulator("biped", **{"backend": backend, **arguments})
     nans = [[0.0] * 2804, [np.nan] * 2804]
     for words, parameters, seeds in (
         (r"\(N, 2804\)", np.zeros((2, 2812)), np.zeros((2, 1))),

@@ -45,7 +45,7 @@ class Joint(NamedTuple):
 
 
 class Robot:
-    """A robot of this module's building blocks, read from its text.
+    """A robot of `designrl.bodies.urdf`'s building blocks, read from its text.
 
     Args:
         text: the URDF.

@@ -91,6 +91,8 @@ class Stepper(AbstractContextManager):
     ):
         self._stepper, self._process = None, os.getpid()
         library = _library()
+        if library.designrl_stepping_bytes() != ctypes.sizeof(_Stepping):
+            raise InputError("the compiled engine is of another version (install designrl again)")
         *counts, flags = _find(task)
         self.count = count
         self.observations, self.actions, self.dimensions, self.terms = counts

@@ -22,7 +22,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -31,7 +30,7 @@ from tqdm import tqdm
 
 from designrl import engine
 from designrl.bodies.walker import WALKER
-from designrl.checkpoint import load
+from designrl.checkpoint import PRETRAINED, load
 from designrl.engine.verify_vector import VECTOR_CASES, compare_vector
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
 from designrl.policy import Agent
@@ -39,7 +38,6 @@ from designrl.published import published_runs, zoo_folder
 from designrl.simulation import Episodes, run_episode
 from designrl.simulation import run_engine as run_episodes
 
-PRETRAINED = Path(__file__).resolve().parents[2] / "pretrained"
 WEIGHT_STDS = (0.1, 0.5, 1.0)  # of random networks
 ANT_WEIGHT_STDS = (0.05, 0.2, 0.6)
 TERRAINS = "biped-morphology", "biped-hardcore-morphology"
@@ -56,7 +54,7 @@ CORNERS = np.tile([[-1.0] * 6 + [1.0] * 3, [1.0] * 6 + [-1.0] * 3], 4)
 
 @dataclass(frozen=True)
 class Case:
-    """One episode of a walker to compare.
+    """One episode to compare.
 
     Attributes:
         kind: what the policy is, for the report.

@@ -20,9 +20,15 @@ TRIAL_STEPS = 100
 
 
 def walker_task(
-    hardcore: bool, max_episode_steps: int, lidar: str = "v2", leg_area_reward: bool = False
+    hardcore: bool,
+    max_episode_steps: int,
+    lidar: str = "v2",
+    leg_area_reward: bool = False,
+    **others,
 ):
     """`engine_task` of a walker."""
+    if others:
+        return None
     flags = {"hardcore": hardcore, "closest_hits": is_closest_lidar(lidar)}
     task = Task("walker", tuple(name for name, on in flags.items() if on), max_episode_steps)
     return task, leg_area_reward_factor if leg_area_reward else None
@@ -39,7 +45,7 @@ for _id, _hardcore, _steps in (
     ("designrl/BipedalWalker-v0", False, 1600),
     ("designrl/BipedalWalkerHardcore-v0", True, 2000),
 ):
-    _ENGINE_TASKS[_id] = partial(walker_task, _hardcore, _steps)
+    _ENGINE_TASKS[_id] = partial(walker_task, hardcore=_hardcore, max_episode_steps=_steps)
     gymnasium.register(
         _id,
         entry_point="designrl.envs.walker:Walker",

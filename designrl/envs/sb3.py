@@ -15,6 +15,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from designrl.envs.inputs import checked_options
 from designrl.errors import InputError
 
 
@@ -57,9 +58,7 @@ class EngineVecEnv(VecEnv):
         """
         designs = list(self.env.design)
         for i, options in enumerate(self._options):
-            if unknown := set(options) - {"design"}:
-                raise InputError(f"unknown reset option {unknown.pop()!r}; there is 'design'")
-            designs[i] = options.get("design", designs[i])
+            designs[i] = checked_options(options, "design").get("design", designs[i])
         observations, _ = self.env.reset(seed=self._seeds, options={"design": designs})
         self._reset_seeds()
         self._reset_options()

@@ -136,9 +136,7 @@ def _caption(metadata: dict) -> str:
     return "\n".join(["designrl rollout", *lines])
 
 
-def record_rollout(
-    agent, path: str | Path, seed: int, metadata: dict | None = None, steps: int | None = None
-) -> float:
+def record_rollout(agent, path: str | Path, seed: int, steps: int | None = None) -> float:
     """Roll an agent out once, in its own body, and record that.
 
     Args:
@@ -146,7 +144,6 @@ def record_rollout(
         path: the file to write.
         seed: of the environment and of the policy's noise; `designrl.evaluation.episode_seeds`
             has those of an evaluation.
-        metadata: what else to say of it.
         steps: how many to record at most; None: the whole episode.
 
     Returns: the score of what is recorded, without any training-time change of the reward.
@@ -165,7 +162,6 @@ def record_rollout(
         "unit": design.unit,
         "body": dict(zip(design.names, design.dimensions(agent.scales).tolist(), strict=True)),
         "agent": agent.metadata,
-        **(metadata or {}),
     }
     observation = agent.start(env, seed)
     with RolloutWriter(path, env, about) as writer:

@@ -77,7 +77,8 @@ class RunWriter:
             if old:
                 _copy(self._file, old, lambda _, g, data: data if g < resume_generation else None)
             self._log_time = self._file.last_log_time
-            self._drawn = bool(old and old.topics.get("/body"))  # the first body, at least
+            drawn = old.array("/original", "sequence") if old and "/original" in old.topics else ()
+            self._drawn = any(generation < resume_generation for generation in drawn)
             self._file.publish()
         except BaseException:
             self._file.close()

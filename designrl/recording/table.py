@@ -45,7 +45,7 @@ def table(path: str | Path, episodes: bool = False) -> Table:
 
 
 def _generations(recording: Recording) -> Table:
-    found = _fields(recording, "/summary", schema.Summary)
+    found = {f.name: recording.array("/summary", f.name) for f in schema.Summary.DESCRIPTOR.fields}
     rows = {generation: i for i, generation in enumerate(found["generation"].tolist())}
 
     def add(topic: str, columns: Table) -> None:
@@ -96,10 +96,6 @@ def _steps(recording: Recording) -> Table:
             columns = _named(recording, topic, field)
             found |= {f"{prefix}: {name}": column for name, column in columns.items()}
     return found
-
-
-def _fields(recording: Recording, topic: str, kind) -> Table:
-    return {f.name: recording.array(topic, f.name) for f in kind.DESCRIPTOR.fields}
 
 
 def _named(recording: Recording, topic: str, field: str) -> Table:

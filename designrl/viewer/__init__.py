@@ -51,7 +51,7 @@ def replay(
             viewer.
 
     Raises:
-        InputError: nothing to open, a file that cannot be read or written or that exists already,
+        InputError: a file that cannot be read or written or that exists already,
             no display, no graphics driver, a port that is not free.
     """
     paths = [Path(path) for path in paths]

@@ -21,8 +21,7 @@ import pytest
 from test_environment_speed import AntEpisode, RandomActions
 
 from designrl import engine
-from designrl.checkpoint import load
-from designrl.engine.verify import PRETRAINED
+from designrl.checkpoint import PRETRAINED, load
 from designrl.envs import engine_task
 from designrl.experiments import get_experiment
 from designrl.policy import Agent

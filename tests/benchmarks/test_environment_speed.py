@@ -108,8 +108,8 @@ def test_ant_with_policy(measure, episode, policy):
     parameters = 0.1 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
     agent = StandingAgent(experiment, parameters)
     if policy == "NumPy":
-        count = experiment.network.num_parameters - experiment.network.sizes[-1]  # no log-stds
-        agent._forward = forward_function(experiment.network, parameters[:count])
+        weights = parameters[: experiment.network.num_weights]
+        agent._forward = forward_function(experiment.network, weights)
     env = gymnasium.make(experiment.env_id, disable_env_checker=True)
 
     def whole_episode() -> int:
