@@ -252,14 +252,15 @@ def _describe(path: Path) -> None:
 
 
 def _export(args) -> None:
-    from designrl.checkpoint import find_run
     from designrl.recording.table import check_target, table, write_table
 
     check_target(args.output)
-    columns = table(find_run(args.file), args.episodes)
+    columns = table(args.file, args.episodes)
     write_table(columns, args.output)
     rows = len(next(iter(columns.values())))
-    print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns"))
+    held = columns.get("generation", ())  # of a published run, some 400 of its generations
+    of = f", generations {held[0]:,} to {held[-1]:,}" if len(held) else ""
+    print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns{of}"))
 
 
 def _checkpoints(_args) -> None:

@@ -52,7 +52,7 @@ class DesignSpace:
         """
         allowed = f"each must be in [{SCALE_MIN}, {SCALE_MAX}]"
         try:
-            array = np.array(scales, dtype=np.float64)
+            array = np.asarray(scales, dtype=np.float64).copy()  # torch knows no copy=
         except (TypeError, ValueError):
             raise InputError(f"a design must be {self.size} numbers; {allowed}") from None
         if array.shape != (self.size,):

@@ -13,8 +13,8 @@ class InputError(ValueError):
     quoted in it.
     """
 
-    def __init__(self, sentence: str):
-        super().__init__(_shortened(sentence))
+    def __init__(self, sentence: str):  # or another such error: Gymnasium's workers pass that
+        super().__init__(_shortened(str(sentence)))
 
 
 def printable(text: str) -> str:

@@ -238,5 +238,5 @@ def get_experiment(name: str | Experiment) -> Experiment:
     guess = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
         f"unknown experiment {name!r}; {guess}`designrl experiments` lists those there are, "
-        "`designrl --load MODULE` reads a module that registers others"
+        "`designrl --load MODULE` (in Python, its import) reads a module that registers others"
     )

@@ -11,6 +11,7 @@ float32 rounding.
 """
 
 import math
+import operator
 import threading
 from collections.abc import Iterator
 from functools import cached_property
@@ -147,10 +148,12 @@ class Agent:
 
     @cached_property
     def design(self) -> np.ndarray | None:
-        """(D,) scales of the learned body; None where the experiment learns none."""
+        """(D,) scales of the learned body, read-only; None where the experiment learns none."""
         if self.experiment.design is None:
             return None
-        return self.experiment.design.scales(self.parameters[self.network.num_parameters :])
+        scales = self.experiment.design.scales(self.parameters[self.network.num_parameters :])
+        scales.setflags(write=False)
+        return scales
 
     @property
     def scales(self) -> np.ndarray:
@@ -190,6 +193,7 @@ class Agent:
 
         Returns: the first observation (O,).
         """
+        seed = operator.index(seed)  # Gymnasium takes none of NumPy's
         self.reset(seed)
         observation, _ = env.reset(seed=seed, options={"design": self.scales})
         return observation

@@ -48,6 +48,9 @@ class CandidateError(InputError):
         super().__init__(f"candidate {index} cannot be simulated: {reason}")
         self.index, self.seeds, self.reason = index, seeds, reason
 
+    def __reduce__(self):  # from another process
+        return CandidateError, (self.index, self.seeds, self.reason)
+
 
 @dataclass(frozen=True)
 class RolloutResult:
@@ -121,6 +124,8 @@ class Simulator(AbstractContextManager):
         self._parameters = self.experiment.parameters_with(self.network)
         if self.experiment not in PAPERS:
             check_world(self.experiment, self.network)
+        if "design" in env_kwargs:
+            raise InputError("an agent walks in its own body; leave design out")
         if env_kwargs:  # otherwise the environment's module need not be loaded for what it takes
             creator = gymnasium.spec(self.experiment.env_id).entry_point
             creator = creator if callable(creator) else load_env_creator(creator)
@@ -299,7 +304,7 @@ def check_world(experiment: Experiment, network: Network) -> None:
         InputError: it does not, or it cannot be made.
     """
     name, env_id = experiment.name, experiment.env_id
-    design = np.ones(experiment.body.design.size)
+    design, other = np.ones(experiment.body.design.size), np.full(experiment.body.design.size, 1.25)
     try:
         env = gymnasium.make(env_id, disable_env_checker=True, design=design)
     except (InputError, gymnasium.error.Error, ImportError, TypeError) as error:
@@ -308,12 +313,23 @@ def check_world(experiment: Experiment, network: Network) -> None:
     with closing(env):
         if getattr(env.unwrapped, "body", None) != experiment.body:
             raise InputError(f"the environment {env_id} does not have the body of {name}")
+        env.reset(seed=0, options={"design": other})
+        if not np.array_equal(getattr(env.unwrapped, "design", None), other):
+            raise InputError(
+                f"{env_id} does not have the design of a reset as its attribute design"
+            )
         inputs = network.sizes[0] - (network.time_scale is not None)
         shapes = env.observation_space.shape, env.action_space.shape
     if shapes != ((inputs,), (network.sizes[-1],)):
         raise InputError(
             f"{env_id} has observations {shapes[0]} and actions {shapes[1]}; the network of {name} "
             f"takes ({inputs},) and gives ({network.sizes[-1]},)"
+        )
+    named = len(experiment.body.observations), len(experiment.body.joints)
+    if named != (inputs, network.sizes[-1]):
+        raise InputError(
+            f"the body of {name} names {named[0]} observations and {named[1]} joints; {env_id} has "
+            f"{inputs} observations and {network.sizes[-1]} actions"
         )
 
 

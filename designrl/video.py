@@ -86,8 +86,7 @@ def evolution_video(
         InputError: as `record_video`, or no run with recorded distributions.
     """
     check_target(path)
-    run = Path(run)
-    recording = read(run / "generations.mcap" if run.is_dir() else run)
+    recording = read(run)
     if recording.kind != "run" or not recording.topics.get("/distribution"):
         raise InputError(f"{recording.path} holds no distributions of a run; name a run's folder")
     experiment = get_experiment(recording.metadata["experiment"])

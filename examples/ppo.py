@@ -29,6 +29,8 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import designrl
+from designrl.bodies.walker import WALKER
+from designrl.checkpoint import find
 from designrl.envs.sb3 import EngineVecEnv
 from designrl.errors import InputError
 from designrl.files import file_hash, write_atomically
@@ -116,7 +118,7 @@ def origin(options: argparse.Namespace) -> str:
     """Where a curve comes from: the command, the body, what it ran on."""
     body = "original"
     if options.design:
-        body = f"{options.design} (sha256 {file_hash(options.design)})"
+        body = f"{options.design} (sha256 {file_hash(find(options.design))})"
     libraries = ("stable_baselines3", "torch", "gymnasium", "numpy")
     versions = [f"{name} {importlib.metadata.version(name)}" for name in libraries]
     parts = [f"python {shlex.join(sys.argv)}", f"body: {body}", f"designrl {VERSION}", *versions]
@@ -141,7 +143,16 @@ def main() -> None:
 
 def write(options: argparse.Namespace) -> None:
     """Train, and write the curve."""
-    design = designrl.load(options.design).design if options.design else None
+    if options.out.is_dir():
+        raise InputError(f"{options.out} is a folder; name a file in it")
+    if min(options.steps, options.episodes, options.threads) < 1:
+        raise InputError("--steps, --episodes and --threads count from 1")
+    design = None
+    if options.design:
+        agent = designrl.load(options.design)
+        if agent.experiment.body != WALKER:
+            raise InputError(f"{options.design} has the body of {agent.experiment.name}, no walker")
+        design = agent.scales
     rows = train(
         design, options.hardcore, options.seed, options.steps, options.episodes, options.threads
     )

@@ -39,7 +39,7 @@ def tables() -> list[Table]:
         texts = [mean_and_std(mean, std), f"{area:.0f}%", *(f"{size:.1f}" for size in sizes)]
         rows.append(row([environment, body], source, texts, name))
         records.append(
-            {"environment": environment, "body": body, "source": source}
+            {"experiment": name, "environment": environment, "body": body, "source": source}
             | {"mean": mean, "std": std, "leg_area": area}
             | dict(zip(WALKER.design.names, sizes, strict=True))
             | {"sha256": sha256}

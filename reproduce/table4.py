@@ -32,6 +32,7 @@ def tables() -> list[Table]:
             records += [
                 {"experiment": name, "source": source, "run": run, "mean": s.mean, "std": s.std}
                 | {"sha256": s.sha256}
+                | ({"seed": run - 1} if source == "ours" else {})
                 for run, s in by_run.items()
                 if not s.problem
             ]

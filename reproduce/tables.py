@@ -121,10 +121,11 @@ def mean_and_std(mean: float, std: float) -> str:
 
 
 def as_csv(records: Iterable[dict]) -> str:
-    """Records as CSV; its columns are their keys."""
+    """Records as CSV; its columns are their keys. What is missing or no number is empty."""
     text = io.StringIO()
     columns = dict.fromkeys(key for record in records for key in record)
     writer = csv.DictWriter(text, list(columns), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(records)
+    for record in records:
+        writer.writerow({key: "" if value != value else value for key, value in record.items()})
     return text.getvalue()

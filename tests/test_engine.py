@@ -185,7 +185,11 @@ def test_a_library_of_another_version_is_refused(monkeypatch):
 
 @pytest.mark.parametrize(
     "keywords, backend",
-    [({"hardcore": True}, "engine"), ({"lidar": "v3"}, "engine"), ({"design": None}, "reference")],
+    [
+        ({"hardcore": True}, "engine"),
+        ({"lidar": "v3"}, "engine"),
+        ({"render_mode": None}, "reference"),
+    ],
 )
 def test_keywords_of_the_environment_mean_the_same_on_the_engine(keywords, backend):
     candidates = np.random.default_rng(3).standard_normal((1, 2804))

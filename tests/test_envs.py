@@ -116,6 +116,12 @@ def test_wrong_arguments_are_refused(env_id):
             make(env_id, design=wrong)
         with pytest.raises(ValueError, match=space.names[3]):
             env.reset(options={"design": wrong})
+        with pytest.raises(ValueError, match=space.names[3]):
+            env.unwrapped.design = wrong
+    with pytest.raises(ValueError, match="read-only"):
+        env.unwrapped.design[0] = 9.0
+    with pytest.raises(ValueError, match="reset options are a dict"):
+        env.unwrapped.reset(options=list(wrong))
     with pytest.raises(ValueError, match=f"{space.size} scales"):
         env.reset(options={"design": np.ones(space.size + 1)})
     with pytest.raises(ValueError, match="'desing'"):
@@ -127,10 +133,14 @@ def test_wrong_arguments_are_refused(env_id):
             env.unwrapped.step(action)
 
 
-def test_a_copy_has_the_design_that_reset_was_given(env_id):
+@pytest.mark.parametrize("set_by", ["reset", "attribute"])
+def test_a_copy_has_the_design_that_was_set(env_id, set_by):
     env = gymnasium.make(env_id).unwrapped
     design = np.full(env.body.design.size, 1.25)
-    env.reset(seed=0, options={"design": design})
+    if set_by == "reset":
+        env.reset(seed=0, options={"design": design})
+    else:
+        env.design = design
     for copied in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
         np.testing.assert_array_equal(copied.reset(seed=1)[0], env.reset(seed=1)[0])
         np.testing.assert_array_equal(copied.design, design)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import gymnasium
 import numpy as np
 import pytest
 from test_docs import ROOT, blocks
@@ -15,6 +16,7 @@ from designrl.bodies.ant import ANT
 from designrl.bodies.walker import WALKER
 from designrl.checkpoint import save
 from designrl.cli import main
+from designrl.envs.walker import Walker
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, Experiment, Network, Shaping, register
 from designrl.files import file_hash
@@ -30,7 +32,11 @@ class WiderBody(type(WALKER)):
     name = "wider"
 
 
-WIDER = WiderBody()
+class UnnamedBody(type(WALKER)):
+    name, joints = "unnamed", WALKER.joints[:3]
+
+
+WIDER, UNNAMED = WiderBody(), UnnamedBody()
 # The walker with a smaller network, on hardcore ground.
 NINTH = Experiment(
     "biped-small-network",
@@ -69,7 +75,7 @@ def test_a_body_of_ones_own_trains_evaluates_records_replays_and_resumes(page, t
     assert len(scores) == 3 and np.ptp(scores) > 0
     score = record_rollout(page.agent, tmp_path / "rollout.mcap", seed=0)
     assert read(tmp_path / "rollout.mcap").array("/reward", "total")[-1] == score
-    replay([out, tmp_path / "rollout.mcap"], save=tmp_path / "all.rrd")
+    replay([out, tmp_path / "rollout.mcap", "mine.mcap"], save=tmp_path / "all.rrd")
     assert (tmp_path / "all.rrd").stat().st_size > 1000
     main(["evaluate", str(out / "best.safetensors"), "--episodes", "2", "--workers", "1"])
     assert "hopper-morphology: " in capsys.readouterr().out
@@ -140,6 +146,19 @@ def test_settings_make_an_experiment_known_so_that_its_agents_are_read_back(tmp_
     assert designrl.load(tmp_path / "best.safetensors").experiment is tenth
 
 
+class Deaf(Walker):
+    def reset(self, *, seed=None, options=None):
+        return super().reset(seed=seed)
+
+
+class Unnamed(Walker):
+    body = UNNAMED
+
+
+gymnasium.register("Deaf-v0", entry_point=Deaf)
+gymnasium.register("Unnamed-v0", entry_point=Unnamed)
+
+
 @pytest.mark.parametrize("backend", ["engine", "reference"])
 @pytest.mark.parametrize(
     ("change", "words"),
@@ -148,6 +167,8 @@ def test_settings_make_an_experiment_known_so_that_its_agents_are_read_back(tmp_
         ({"env_id": "CartPole-v1"}, "cannot be made: .* unexpected keyword argument 'design'"),
         ({"body": ANT}, "cannot be made: a design for this body has 8 scales"),
         ({"body": WIDER}, "does not have the body of biped-small-network"),
+        ({"env_id": "Deaf-v0"}, "Deaf-v0 does not have the design of a reset"),
+        ({"body": UNNAMED, "env_id": "Unnamed-v0"}, "names 24 observations and 3 joints"),
         ({"network": Network((23, 4))}, r"observations \(24,\) .* network of .* takes \(23,\)"),
         ({"network": Network((24, 5))}, r"actions \(4,\); the network of .* gives \(5,\)"),
     ],

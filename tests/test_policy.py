@@ -92,6 +92,11 @@ def test_parameter_counts_are_the_published_ones(name, count):
     assert get_experiment(name).num_parameters == count
 
 
+def test_the_body_cannot_be_changed_by_accident():
+    with pytest.raises(ValueError, match="read-only"):
+        random_agent("biped-morphology").design[0] = 1.0
+
+
 def test_wrong_parameters_are_refused():
     with pytest.raises(InputError, match="2812 parameters"):
         Agent(get_experiment("biped-morphology"), np.zeros(2804))

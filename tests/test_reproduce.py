@@ -630,7 +630,8 @@ def test_ppo_writes_a_curve_that_the_figure_reads(project):
     assert steps.tolist() == [0, 256] and np.isfinite(means).all()
     assert file_hash(body) in out.read_text()
     transfer.figures()
-    command[command.index(body)] = out
-    wrong = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert wrong.returncode == 2
-    assert "ppo.py: error: " in wrong.stderr and "Traceback" not in wrong.stderr
+    for change in ({body: out}, {body: pretrain(project, "ant")}, {out: project}):
+        changed = [change.get(word, word) for word in command]
+        wrong = subprocess.run(changed, capture_output=True, text=True, timeout=300)
+        assert wrong.returncode == 2
+        assert "ppo.py: error: " in wrong.stderr and "Traceback" not in wrong.stderr

@@ -1,5 +1,6 @@
 import multiprocessing
 import os
+import pickle
 import subprocess
 import sys
 import time
@@ -174,7 +175,8 @@ def test_a_candidate_that_cannot_be_simulated_is_named(monkeypatch):
         pytest.raises(CandidateError, match="candidate 1 cannot be simulated: Runtime") as caught,
     ):
         simulator.rollout(candidates("biped", 3), np.array([[7], [8], [9]]))
-    assert (caught.value.index, caught.value.seeds) == (1, [8])
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        assert (error.index, error.seeds) == (1, [8])
 
 
 def fail_for_seed_eight(env, agent, seed, shaping):
@@ -202,6 +204,7 @@ def test_wrong_input_is_refused():
         ("backend", {"backend": "gpu"}),
         ("lidar is 'v9'", {"lidar": "v9"}),
         ("biped has no speed; leave it out", {"speed": 3}),
+        ("leave design out", {"design": np.ones(8)}),
         *(("workers is .* whole number", {"workers": n}) for n in (0, 1.5, "2", None)),
         ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),
     ):

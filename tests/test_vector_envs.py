@@ -263,6 +263,19 @@ def test_an_episode_beyond_the_capacities_is_an_error_and_no_result():
     assert difference(run(env), run(fresh)) is None
 
 
+@pytest.mark.filterwarnings("ignore:.*ERROR")
+def test_sub_processes_pass_the_sentence_on():
+    env = gymnasium.make_vec(FLAT_ID, 2, vectorization_mode="async")
+    with pytest.raises(InputError, match="design scale 0"):
+        env.reset(options={"design": np.full(8, 3.0)})
+    env.close(terminate=True)
+
+
+def test_numpys_numbers_are_seeds():
+    assert difference(make().reset(seed=np.arange(4, 7)), make().reset(seed=4)) is None
+    assert difference(make().reset(seed=np.int64(4)), make().reset(seed=4)) is None
+
+
 def test_without_the_engine_the_error_names_the_other_way(monkeypatch):
     monkeypatch.setattr(engine, "_load", lambda: "the engine is not there")
     for env_id in IDS:
@@ -297,10 +310,12 @@ def test_stable_baselines3_gets_what_its_own_vec_env_gives(env_id):
             assert set(other) == set(keys)
             for key in keys:
                 assert np.array_equal(one[key], other[key])
-    options = {"design": np.full(ours.env.design.shape[1], 1.2)}
-    for env in (singles, ours):
-        env.set_options(options)
-    assert difference(singles.reset(), ours.reset()) is None
+    body = np.full(ours.env.design.shape[1], 1.2)
+    for options in ([{"design": body}, {}, {}], {"design": None}):
+        for env in (singles, ours):
+            env.set_options(options)
+        assert difference(singles.reset(), ours.reset()) is None
+        assert np.array_equal(ours.get_attr("design"), singles.get_attr("design"))
 
 
 def test_stable_baselines3_trains_on_it():

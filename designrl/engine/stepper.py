@@ -80,6 +80,8 @@ class Stepper(AbstractContextManager):
         MemoryError: 120 kB of a walker and 40 kB of an ant are not to be had so often.
     """
 
+    _stepper = None  # until it is made, and in a copy that could not be
+
     def __init__(
         self,
         task: Task,
@@ -89,7 +91,7 @@ class Stepper(AbstractContextManager):
         threads: int | None = None,
         isa: str | None = None,
     ):
-        self._stepper, self._process = None, os.getpid()
+        self._process = os.getpid()
         library = _library()
         if library.designrl_stepping_bytes() != ctypes.sizeof(_Stepping):
             raise InputError("the compiled engine is of another version (install designrl again)")

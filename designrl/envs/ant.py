@@ -27,7 +27,7 @@ from designrl.bodies.ant import (
 )
 from designrl.engine import Task
 from designrl.envs import engine_reason
-from designrl.envs.inputs import checked_action, chosen_design
+from designrl.envs.inputs import HasDesign, checked_action
 from designrl.envs.vector import EngineVectorEnv, no_engine
 from designrl.errors import InputError
 
@@ -109,7 +109,7 @@ def ant_spaces() -> tuple[spaces.Box, spaces.Box]:
     return spaces.Box(low, high), spaces.Box(-1.0, 1.0, (len(ANT.joints),), np.float32)
 
 
-class Ant(gymnasium.Env, EzPickle):
+class Ant(HasDesign, gymnasium.Env):
     """A four-legged ant that walks forward, with legs of a given design.
 
     ## Description
@@ -213,7 +213,7 @@ class Ant(gymnasium.Env, EzPickle):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode
-        self.design = ANT.design.validate(np.ones(ANT.design.size) if design is None else design)
+        self.design = np.ones(ANT.design.size) if design is None else design
         self.observation_space, self.action_space = ant_spaces()
         self._loaded: np.ndarray | None = None  # the design that the Bullet world holds
 
@@ -222,8 +222,7 @@ class Ant(gymnasium.Env, EzPickle):
     def reset(self, *, seed: int | None = None, options: dict | None = None):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
         super().reset(seed=seed)
-        self.design = chosen_design(options, ANT.design, self.design)
-        self._ezpickle_args = self.design, *self._ezpickle_args[1:]  # what a copy is made with
+        self.choose_design(options)
         if self._client < 0:
             self._connect()
         if self._loaded is None or not np.array_equal(self._loaded, self.design):

@@ -1,8 +1,9 @@
 """What `reset` and `step` take."""
 
 import numpy as np
+from gymnasium.utils import EzPickle
 
-from designrl.design import DesignSpace
+from designrl.bodies import Body
 from designrl.errors import InputError
 
 
@@ -10,8 +11,10 @@ def checked_options(options: dict | None, *names: str) -> dict:
     """The options of a `reset`, as a new dict.
 
     Raises:
-        InputError: one that has none of these names.
+        InputError: one that has none of these names, or no dict.
     """
+    if not isinstance(options, dict | None):
+        raise InputError(f"reset options are a dict, as {{{names[0]!r}: ...}}, or None")
     options = dict(options or {})
     if unknown := sorted(set(options) - set(names)):
         known = " and ".join(map(repr, names))
@@ -19,14 +22,38 @@ def checked_options(options: dict | None, *names: str) -> dict:
     return options
 
 
-def chosen_design(options: dict | None, space: DesignSpace, current: np.ndarray) -> np.ndarray:
-    """The scales (D,) of `reset(options={"design": scales})`; without them, the current ones.
+class HasDesign(EzPickle):
+    """An environment with a `body`, in a design that is checked whenever it is set.
 
-    Raises:
-        InputError: a design that is not one of the space's, or another option.
+    The design is the first argument of `EzPickle.__init__`, which comes before it is set.
     """
-    design = checked_options(options, "design").get("design")
-    return current if design is None else space.validate(design)
+
+    body: Body
+
+    @property
+    def design(self) -> np.ndarray:
+        """(D,) scales, read-only; the body has those that are set from the next reset on.
+
+        Raises:
+            InputError: when set to what is not one of the body's designs.
+        """
+        return self._design
+
+    @design.setter
+    def design(self, scales) -> None:
+        self._design = self.body.design.validate(scales)
+        self._design.setflags(write=False)
+        self._ezpickle_args = self._design, *self._ezpickle_args[1:]  # what a copy is made with
+
+    def choose_design(self, options: dict | None) -> None:
+        """Take `reset(options={"design": scales})`; without it, the design stays.
+
+        Raises:
+            InputError: not one of the body's designs, or another option.
+        """
+        design = checked_options(options, "design").get("design")
+        if design is not None:
+            self.design = design
 
 
 def checked_action(action, size: int) -> np.ndarray:

@@ -58,7 +58,8 @@ class EngineVecEnv(VecEnv):
         """
         designs = list(self.env.design)
         for i, options in enumerate(self._options):
-            designs[i] = checked_options(options, "design").get("design", designs[i])
+            design = checked_options(options, "design").get("design")
+            designs[i] = designs[i] if design is None else design
         observations, _ = self.env.reset(seed=self._seeds, options={"design": designs})
         self._reset_seeds()
         self._reset_options()
@@ -81,10 +82,12 @@ class EngineVecEnv(VecEnv):
     def close(self) -> None:
         self.env.close()
 
-    # What asks for single environments gets the vector environment's: they are all alike.
+    # What asks for single environments gets the vector environment's: they differ in design alone.
 
     def get_attr(self, attr_name: str, indices=None) -> list[Any]:
-        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+        found = getattr(self.env, attr_name)
+        each = attr_name == "design"
+        return [found[i] if each else found for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
         raise InputError(f"{attr_name!r} cannot be set: the environments are in the engine")

@@ -11,6 +11,7 @@ import secrets
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from numbers import Integral
 
 import gymnasium
 import numpy as np
@@ -34,7 +35,7 @@ _MODES = {
 
 def no_engine(reason: str) -> InputError:
     """To be raised where the engine cannot run."""
-    return InputError(f'{reason}; vectorization_mode="sync" runs the single environments')
+    return InputError(f'{reason}; vectorization_mode="sync" runs single ones, of one design')
 
 
 def _count(name: str, value) -> int:
@@ -243,16 +244,16 @@ class EngineVectorEnv(VectorEnv):
         if isinstance(seed, list | tuple | np.ndarray):
             seeds = list(seed)
         else:
-            seeds = [seed + i if isinstance(seed, int) else seed for i in range(count)]
+            seeds = [seed + i if isinstance(seed, Integral) else seed for i in range(count)]
         if len(seeds) != count:
             raise InputError(f"there are {len(seeds)} seeds for {count} environments")
         for i, found in enumerate(seeds):
-            if found is not None and not (isinstance(found, int) and 0 <= found < 2**64):
+            if found is not None and not (isinstance(found, Integral) and 0 <= found < 2**64):
                 raise InputError(
                     f"environment {i}: a seed must be a whole number from 0 to 2**64 - 1 or None, "
                     f"got {found!r}"
                 )
-        return seeds
+        return [seed if seed is None else int(seed) for seed in seeds]
 
     def _checked_mask(self, mask) -> np.ndarray:
         if mask is None:

@@ -18,7 +18,7 @@ from gymnasium.utils import EzPickle
 
 from designrl.bodies.walker import WALKER, is_closest_lidar, leg_area_reward_factor
 from designrl.envs import walker_task
-from designrl.envs.inputs import checked_action, chosen_design
+from designrl.envs.inputs import HasDesign, checked_action
 from designrl.envs.vector import EngineVectorEnv
 
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
@@ -97,7 +97,7 @@ class _World(b2World):
         return None
 
 
-class Walker(BipedalWalker):
+class Walker(HasDesign, BipedalWalker):
     """A two-legged walker over random terrain, with legs of a given design.
 
     ## Description
@@ -190,15 +190,13 @@ class Walker(BipedalWalker):
         super().__init__(render_mode=render_mode, hardcore=hardcore)
         EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
         self.leg_area_reward = leg_area_reward
-        original = np.ones(WALKER.design.size)
-        self.design = WALKER.design.validate(original if design is None else design)
+        self.design = np.ones(WALKER.design.size) if design is None else design
 
         self.observation_space, self.action_space = walker_spaces()
 
     def reset(self, *, seed: int | None = None, options: dict | None = None):
         """Start an episode; `options={"design": scales}` changes the body from now on."""
-        self.design = chosen_design(options, WALKER.design, self.design)
-        self._ezpickle_args = self.design, *self._ezpickle_args[1:]  # what a copy is made with
+        self.choose_design(options)
         self._reward_factor = float(leg_area_reward_factor(self.design))
         # The old world goes as a whole: a world that is used again keeps the order in which its
         # free list hands out contacts and tree nodes, and with it another rounding.

@@ -13,6 +13,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
+from designrl.checkpoint import find_run
 from designrl.errors import printable
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, THINNED, RecordingError
@@ -231,10 +232,14 @@ class Recording(Scan):
 def read(path: str | Path) -> Recording:
     """Open a recording; one that was cut off is opened as far as it goes.
 
+    Args:
+        path: a file; or a run, by its folder or as "biped-morphology/seed0" for the published one.
+
     Raises:
         RecordingError: it cannot be read, or is not an MCAP file.
     """
-    return Recording(path)
+    path = find_run(path)
+    return Recording(path / "generations.mcap" if path.is_dir() else path)
 
 
 def how_far(recording: Recording) -> str:

@@ -1,6 +1,7 @@
 """Recording one episode, in a way that any viewer of MCAP files draws."""
 
 import math
+import operator
 from pathlib import Path
 
 import gymnasium
@@ -30,7 +31,8 @@ class RolloutWriter:
     Args:
         path: the file.
         env: an environment with a `designrl.bodies.Body` as its `body`, already reset.
-        metadata: what to say of the rollout.
+        metadata: what to say of the rollout; "experiment", the name of one with this body, is what
+            `designrl replay` knows the body by.
 
     Attributes:
         score: sum of the rewards so far.
@@ -152,6 +154,7 @@ def record_rollout(agent, path: str | Path, seed: int, steps: int | None = None)
         InputError: the seed is negative.
         RecordingError: the file cannot be written.
     """
+    seed = operator.index(seed)
     if seed < 0:
         raise InputError(f"the seed is {seed}; choose one from 0 up")
     env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)

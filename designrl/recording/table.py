@@ -20,7 +20,7 @@ def table(path: str | Path, episodes: bool = False) -> Table:
     """A recording as columns of one length, which `pandas.DataFrame` takes as they are.
 
     Args:
-        path: a recording, or the folder of a run.
+        path: a recording, as `read` takes it.
         episodes: of a run, a row for each episode of its evaluations.
 
     Returns: of a run, a row for each generation: the fields of Summary (see `schema.proto`), the
@@ -31,8 +31,7 @@ def table(path: str | Path, episodes: bool = False) -> Table:
     Raises:
         RecordingError: no such recording, or one with nothing of this or damaged.
     """
-    path = Path(path)
-    recording = read(path / "generations.mcap" if path.is_dir() else path)
+    recording = read(path)
     if recording.kind == RUN:
         found = _evaluation_episodes(recording) if episodes else _generations(recording)
     elif recording.kind == ROLLOUT and not episodes:

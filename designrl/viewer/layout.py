@@ -35,6 +35,11 @@ def body_of(recording: Recording) -> Body:
         InputError: the experiment is not known here.
     """
     name = recording.metadata.get("experiment")
+    if name is None:
+        raise InputError(
+            f"{recording.path} names no experiment; record it with "
+            'RolloutWriter(..., {"experiment": NAME}), one that has its body'
+        )
     try:
         return get_experiment(name).body
     except InputError:
