@@ -176,9 +176,11 @@ def test_without_the_library_episodes_are_the_same(name, monkeypatch, capsys):
 
 
 def test_a_library_of_another_version_is_refused(monkeypatch):
-    monkeypatch.setattr(engine, "_Batch", ctypes.c_int64)
-    assert "of another version" in engine._load.__wrapped__()
-    monkeypatch.setattr(stepper, "_Stepping", ctypes.c_int64)
+    monkeypatch.setattr(engine, "_load", engine._load.__wrapped__)
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "_Batch", ctypes.c_int64)
+        assert "of another version" in engine._load()
+    monkeypatch.setattr(engine, "_Stepping", ctypes.c_int64)
     with pytest.raises(InputError, match="of another version"):
         stepper.Stepper(FLAT, 1)
 

@@ -62,6 +62,24 @@ class _Batch(ctypes.Structure):
     ]
 
 
+class _Stepping(ctypes.Structure):
+    """native/common/batch.h, field by field."""
+
+    _fields_ = [
+        ("environments", c_int64),
+        ("flags", c_uint32),
+        ("autoreset", c_int32),
+        ("max_steps", c_int64),
+        *(
+            (name, c_void_p)
+            for name in (
+                *("designs", "reward_factors", "actions", "starts", "seeds", "observations"),
+                *("final_observations", "rewards", "terminated", "truncated", "terms", "failed"),
+            )
+        ),
+    ]
+
+
 _FUNCTIONS = {  # of native/api.cpp: result and arguments
     "engine_batch_bytes": (c_int64, ()),
     "engine_isa": (c_char_p, (c_char_p,)),
@@ -93,7 +111,8 @@ def _load() -> ctypes.CDLL | str:
             function.restype, function.argtypes = result, arguments
     except (OSError, AttributeError) as error:
         return f"the compiled engine does not load ({error})"
-    if library.designrl_engine_batch_bytes() != ctypes.sizeof(_Batch):
+    found = library.designrl_engine_batch_bytes(), library.designrl_stepping_bytes()
+    if found != (ctypes.sizeof(_Batch), ctypes.sizeof(_Stepping)):
         return "the compiled engine is of another version (install designrl again)"
     return library
 

@@ -11,34 +11,15 @@ import ctypes
 import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from ctypes import c_int32, c_int64, c_uint32, c_void_p
 from typing import NamedTuple
 
 import numpy as np
 
-from designrl.engine import Task, _find, _library, instruction_set
+from designrl.engine import Task, _find, _library, _Stepping, instruction_set
 from designrl.errors import InputError
 
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # Gymnasium's autoreset modes
 _GO_ON, _START, _START_SEEDED = range(3)
-
-
-class _Stepping(ctypes.Structure):
-    """native/common/batch.h, field by field."""
-
-    _fields_ = [
-        ("environments", c_int64),
-        ("flags", c_uint32),
-        ("autoreset", c_int32),
-        ("max_steps", c_int64),
-        *(
-            (name, c_void_p)
-            for name in (
-                *("designs", "reward_factors", "actions", "starts", "seeds", "observations"),
-                *("final_observations", "rewards", "terminated", "truncated", "terms", "failed"),
-            )
-        ),
-    ]
 
 
 class Steps(NamedTuple):
@@ -93,8 +74,6 @@ class Stepper(AbstractContextManager):
     ):
         self._process = os.getpid()
         library = _library()
-        if library.designrl_stepping_bytes() != ctypes.sizeof(_Stepping):
-            raise InputError("the compiled engine is of another version (install designrl again)")
         *counts, flags = _find(task)
         self.count = count
         self.observations, self.actions, self.dimensions, self.terms = counts

@@ -59,7 +59,8 @@ class EngineVecEnv(VecEnv):
         designs = list(self.env.design)
         for i, options in enumerate(self._options):
             design = checked_options(options, "design").get("design")
-            designs[i] = designs[i] if design is None else design
+            if design is not None:
+                designs[i] = design
         observations, _ = self.env.reset(seed=self._seeds, options={"design": designs})
         self._reset_seeds()
         self._reset_options()
