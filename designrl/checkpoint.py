@@ -44,11 +44,18 @@ def find(name: str | Path) -> Path:
             `pretrained/`.
 
     Raises:
-        InputError: a published agent's name where there is none, or an experiment's.
+        InputError: a published agent's name where there is none, or an experiment's; a run without
+            an agent.
     """
     path = Path(name)
     if (path / "best.safetensors").is_file():
         return path / "best.safetensors"
+    run = path.parent if path.name == "best.safetensors" else path
+    if (run / "generations.mcap").is_file() and not path.is_file():
+        raise InputError(
+            f"{run} has no agent; a run keeps its first one at its first evaluation (go on with "
+            "--resume), and those of published runs are in pretrained/"
+        )
     if path.exists():
         return path
     if str(path) in EXPERIMENTS:

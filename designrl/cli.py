@@ -258,8 +258,8 @@ def _export(args) -> None:
     columns = table(args.file, args.episodes)
     write_table(columns, args.output)
     rows = len(next(iter(columns.values())))
-    held = columns.get("generation", ())  # of a published run, some 400 of its generations
-    of = f", generations {held[0]:,} to {held[-1]:,}" if len(held) else ""
+    held = set(columns.get("generation", ()))  # of a published run, only some
+    of = f", {len(held):,} of the generations {min(held)} to {max(held):,}" if held else ""
     print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns{of}"))
 
 

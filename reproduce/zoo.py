@@ -30,6 +30,7 @@ from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import write_atomically
 from designrl.recording import read, thin
+from designrl.recording.run import KEPT
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import scores
@@ -192,9 +193,9 @@ def save(left: list[Planned], folder: Path) -> None:
         if (source / "state.safetensors").exists():
             target.mkdir(parents=True, exist_ok=True)
             # The state last: with an older one, what is there goes on from an earlier generation.
-            topics = "/distribution", "/returns", "/body", "/design", "/evaluation"
-            everything = dict.fromkeys(topics, 3)
-            thin(source / "generations.mcap", target / "generations.mcap", everything)
+            few = dict.fromkeys(("/distribution", "/returns", "/evaluation"), 3)
+            keep = few | {"/body": KEPT["/body"], "/design": KEPT["/design"]}
+            thin(source / "generations.mcap", target / "generations.mcap", keep)
             for name in ("best.safetensors", "state.safetensors"):
                 with suppress(FileNotFoundError):
                     write_atomically(target / name, (source / name).read_bytes())

@@ -420,8 +420,8 @@ def test_thinning_drops_messages_and_rounds_nothing(run, tmp_path):
         ("/distribution", "generation", [0, 11]),
         ("/distribution", "mu", [0, 11]),
         ("/distribution", "sigma", [0, 11]),
-        ("/returns", "returns", [0, 6, 11]),
-        ("/summary", "mean", [0, 3, 6, 8, 11]),
+        ("/returns", "returns", [0, 5, 11]),
+        ("/summary", "mean", [0, 3, 5, 8, 11]),
         ("/design", "dimensions", slice(None)),
         ("/evaluation", "mean", slice(None)),
     ):
@@ -432,6 +432,17 @@ def test_thinning_drops_messages_and_rounds_nothing(run, tmp_path):
     assert record["of_generations"] == "12" and '"/returns": 3' in record["kept"]
     assert thinned.complete and thinned.metadata == whole.metadata
     assert "thinned" in describe(path) and "missing" not in describe(path)
+
+
+def test_thinning_spreads_over_generations_also_where_a_thinned_run_went_on(run, tmp_path):
+    once, twice = tmp_path / "generations.mcap", tmp_path / "thin.mcap"
+    thin(run, once, {"/design": 2})
+    with RunWriter(once, ABOUT, resume_generation=12) as writer:
+        for index in range(12, 24):
+            writer.generation(**generation(index))
+    assert read(once).array("/design", "sequence").tolist() == [0, *range(11, 24)]
+    thin(once, twice, {"/design": 4})
+    assert read(twice).array("/design", "sequence").tolist() == [0, 11, 15, 23]
 
 
 # ---------------------------------------------------------------------------- rollouts

@@ -10,7 +10,7 @@ import pytest
 
 import designrl
 from designrl.cli import main
-from designrl.recording import RecordingError, RunWriter, read, table
+from designrl.recording import RecordingError, RunWriter, read, table, thin
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 
@@ -26,7 +26,7 @@ def run(tmp_path_factory):
 
 def test_a_run_is_exported_with_a_row_for_each_generation(run, tmp_path, capsys):
     main(["export", str(run), "-o", str(tmp_path / "curve.csv")])
-    assert re.search("3 rows, .* generations 0 to 2$", capsys.readouterr().out)
+    assert re.search("3 rows, .* 3 of the generations 0 to 2$", capsys.readouterr().out)
     with open(tmp_path / "curve.csv") as file:
         rows = list(csv.DictReader(file))
     recording = read(run / "generations.mcap")
@@ -38,6 +38,17 @@ def test_a_run_is_exported_with_a_row_for_each_generation(run, tmp_path, capsys)
     assert [float(row["top leg 1 height"]) for row in rows] == length.tolist()
     upper = recording.array("/design", "upper")[:, 1]
     assert [float(row["top leg 1 height upper"]) for row in rows] == upper.tolist()
+
+
+def test_of_a_thinned_run_every_evaluation_and_body_is_exported(run, tmp_path):
+    thin(run / "generations.mcap", tmp_path / "thin.mcap", {"/summary": 1, "/design": 2})
+    found = table(tmp_path / "thin.mcap")
+    assert found["generation"].tolist() == [0, 1, 2]
+    assert np.isnan(found["mean"]).tolist() == [False, True, True]
+    assert np.isnan(found["evaluation mean"]).tolist() == [True, False, False]
+    assert np.isnan(found["top leg 1 height"]).tolist() == [False, True, False]
+    whole, shown = table(run / "generations.mcap"), [1, 2]
+    assert np.array_equal(found["evaluation mean"][shown], whole["evaluation mean"][shown])
 
 
 def test_the_episodes_of_a_runs_evaluations_are_exported(run, tmp_path):

@@ -266,7 +266,8 @@ def _copy(target: McapFile, source: Recording, copied) -> None:
 def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT) -> None:
     """Copy a run's recording with fewer messages.
 
-    Of each topic in `keep` it has so many at most: the first, the last and others spread evenly.
+    Of each topic in `keep` it has so many at most: the first, the last and those nearest to
+    generations spread evenly between.
     Evaluations beyond that number stay without their episodes. Other topics are complete. Nothing
     is rounded. The metadata record "thinned" says what was done.
 
@@ -278,9 +279,10 @@ def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT)
         raise RecordingError(f"{source} holds no generations; name a run's generations.mcap")
     kept = {}
     for topic in filter(recording.topics.get, keep):
-        held = recording.array(topic, "sequence")
-        spread = np.linspace(0, len(held) - 1, min(len(held), keep[topic]))
-        kept[topic] = set(held[spread.round().astype(int)].tolist())
+        held = recording.array(topic, "sequence").astype(int)
+        spread = np.linspace(held[0], held[-1], keep[topic])
+        nearest = np.abs(held[:, None] - spread).argmin(axis=0)
+        kept[topic] = set((held if len(held) <= keep[topic] else held[nearest]).tolist())
     done = {
         "of_generations": len(recording.generations),
         "kept": {topic: len(generations) for topic, generations in kept.items()},

@@ -44,16 +44,21 @@ def table(path: str | Path, episodes: bool = False) -> Table:
 
 
 def _generations(recording: Recording) -> Table:
-    found = {f.name: recording.array("/summary", f.name) for f in schema.Summary.DESCRIPTOR.fields}
-    rows = {generation: i for i, generation in enumerate(found["generation"].tolist())}
+    # A published recording has some topics at generations that others lack.
+    topics = ["/summary", *filter(recording.topics.get, ("/evaluation", "/design"))]
+    held = {topic: recording.array(topic, "generation") for topic in topics}
+    found = {"generation": np.unique(np.concatenate(list(held.values())))}
 
     def add(topic: str, columns: Table) -> None:
-        at = [rows.get(generation) for generation in recording.array(topic, "generation").tolist()]
-        known = [i is not None for i in at]
+        rows = np.searchsorted(found["generation"], held[topic])
         for name, values in columns.items():
-            found[name] = np.full(len(found["generation"]), np.nan)
-            found[name][[i for i in at if i is not None]] = values[known]
+            complete = len(rows) == len(found["generation"])
+            found[name] = values if complete else np.full(len(found["generation"]), np.nan)
+            found[name][rows] = values
 
+    names = [field.name for field in schema.Summary.DESCRIPTOR.fields]
+    summary = {name: recording.array("/summary", name) for name in names if name != "generation"}
+    add("/summary", summary)
     if recording.topics.get("/evaluation"):
         fields = {name: recording.array("/evaluation", name) for name in ("mean", "sd", "kept")}
         add("/evaluation", {f"evaluation {name}": values for name, values in fields.items()})
