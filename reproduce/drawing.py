@@ -20,6 +20,7 @@ from designrl.files import write_atomically
 from designrl.policy import Agent
 from reproduce import scores
 from reproduce.scores import Score
+from reproduce.tables import mean_and_std
 
 WIDTH = 5.5  # inches: the paper's column
 START, SPAN = 2.0, 36.0  # m: what a strip shows of the course
@@ -142,7 +143,7 @@ def draw_shapes(axes: Axes, shapes: list[Shape], outline: float = 0.4) -> None:
 def chosen_moments(w: Walk, spacing: float) -> list[list[Shape]]:
     """The body at the start and each `spacing` m of its way; where it fell, as it lies there."""
     x, chosen = np.array(w.x), []
-    for mark in np.arange(w.x[0], START + SPAN, spacing):
+    for mark in np.arange(w.x[0], START + SPAN - spacing / 2, spacing):  # whole within the strip
         reached = np.flatnonzero(x >= mark)
         chosen.append(w.moments[reached[0] if len(reached) else -1])
         if len(reached) == 0:
@@ -185,7 +186,7 @@ def strips(experiments: tuple[str, ...], labels: tuple[str, ...], rank: int = 0)
         w = walk(s.agent, typical_seed(*(found if same_task else [s])))
         fell = ", fell" if w.fell else ""
         axes.set_title(
-            f"{label}: {s.mean:.0f} ± {s.std:.0f} over {scores.EPISODES} rollouts "
+            f"{label}: {mean_and_std(s.mean, s.std)} over {scores.EPISODES} rollouts "
             f"({source_of(s)}); this one {w.score:.0f}{fell}"
         )
         draw_walk(axes, w)

@@ -14,6 +14,7 @@ from matplotlib.patches import Circle, Polygon
 from designrl.bodies.ant import ANT, ANT_LEGS, TORSO_RADIUS, leg_capsules
 from reproduce import drawing, scores
 from reproduce.scores import Score
+from reproduce.tables import mean_and_std
 
 CAPTIONS = {
     "figure3": (
@@ -90,7 +91,7 @@ def figures() -> dict[str, Figure]:
             plan.set_axis_off()
             continue
         strip.set_title(
-            f"{label}: {s.mean:.0f} ± {s.std:.0f} over {scores.EPISODES} rollouts "
+            f"{label}: {mean_and_std(s.mean, s.std)} over {scores.EPISODES} rollouts "
             f"({drawing.source_of(s)})"
         )
         for i, picture in enumerate(pictures(s)):

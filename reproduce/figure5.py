@@ -20,9 +20,8 @@ CAPTIONS = {
         "Hardcore learning curves, with the original and a learned body, over generations, "
         "environment steps and core-hours. Above, the population's return as training sees it: a "
         "fall costs nothing, success earns 100 more, so it does not compare with scores. Below, "
-        "evaluated agents, and the best one so far. Each experiment's run with the paper's own "
-        "settings, else the best in evaluations, has the population's ± 2 standard deviations; the "
-        "others are pale. Dashed: 300 points, solved. Dotted: when the paper's runs had solved it.",
+        "the best evaluated agent so far, by its score. A line for each run. Dashed: 300 points, "
+        "solved. Dotted: when the paper's runs had solved it.",
     ),
     "curves": (
         "Curves on flat terrain",
@@ -31,8 +30,8 @@ CAPTIONS = {
     ),
     "curves_smaller_leg": (
         "Curves of the walkers with smaller legs",
-        "The same curves for the walkers that are rewarded for smaller legs; their points are "
-        "those of training's reward, with the factor for the legs' area.",
+        "The same curves for the walkers that are rewarded for smaller legs; their points, below "
+        "too, are those of training's reward, with the factor for the legs' area.",
     ),
     "curves_ant": ("Curves of the ants", "The same curves for the ants."),
 }
@@ -48,10 +47,15 @@ FLAT, CLOSE_FROM = ("biped", "biped-morphology"), 250  # points
 PAPER_CORES = 96
 STEPS = "environment steps (millions)"
 AXES = ("generation", STEPS, "core-hours")
-RETURNS = (
-    "population's return in\ntraining (mean ± 2 sd)",
-    "evaluated agent's score\n(points; line: best so far)",
-)
+
+
+def returns(experiment: str) -> tuple[str, str]:
+    """What the panels show, above and below."""
+    factor = scores.rewards_small_legs(experiment)
+    return (
+        "population's mean\nreturn in training",
+        f"best evaluation so far\n({'with the factor for legs' if factor else 'points'})",
+    )
 
 
 def reads() -> list[Path]:
@@ -61,7 +65,7 @@ def reads() -> list[Path]:
 
 
 def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
-    """An experiment's runs, the foremost one last, and what cannot be drawn, in words."""
+    """An experiment's runs, and what cannot be drawn, in words."""
     missing = [] if recordings(experiment) else [f"{label}: no recording yet"]
     runs = []
     for path in recordings(experiment):
@@ -69,27 +73,22 @@ def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
             runs.append(read_run(path))
         except InputError as error:
             missing.append(f"{label}, {path.parent.name}: not drawn ({error})")
-    return sorted(runs, key=lambda run: (run.papers, run.scores.max(initial=-np.inf))), missing
+    return runs, missing
 
 
 def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colour: str) -> None:
     """Draw an experiment's runs over one of AXES: the population above, evaluations below."""
+    named = set()
     for run in runs:
         at = (run.generation, run.steps / 1e6, run.core_hours)[AXES.index(axis)]
         tested = np.interp(run.tested, run.generation, at)
-        # The foremost run, and only it with its band: bands of many runs hide all.
-        foremost = run is runs[-1]
-        name = f"{label} ({run.episodes} episodes an evaluation)" if foremost else None
-        strength = 1.0 if foremost else 0.35
+        text = f"{label}, the paper's settings" if run.papers else label
+        style = {"color": colour, "alpha": 0.6, "linewidth": 2 if run.papers else 0.8}
+        style["label"] = None if text in named else text
+        named.add(text)
         # Thousands of generations a run would be megabytes as vectors.
-        pixels = {"color": colour, "rasterized": True}
-        if foremost:
-            low, high = run.mean - 2 * run.sd, run.mean + 2 * run.sd
-            above.fill_between(at, low, high, alpha=0.2, linewidth=0, **pixels)
-            below.plot(tested, run.scores, ".", color=colour, markersize=2, alpha=0.6)
-        above.plot(at, run.mean, linewidth=0.8, alpha=strength, label=name, **pixels)
-        best = np.maximum.accumulate(run.scores)
-        below.step(tested, best, where="post", color=colour, alpha=strength, label=name)
+        above.plot(at, run.mean, rasterized=True, **style)
+        below.step(tested, np.maximum.accumulate(run.scores), where="post", **style)
 
 
 def show_differences(axes: Axes, experiment: str) -> None:
@@ -132,7 +131,7 @@ def curves(experiments: tuple[str, ...]) -> Figure:
         below.set_xlabel(axis)
         if below.get_xscale() == "linear":
             below.set_xlim(left=0)
-    for axes, label in zip(panels[:, 0], RETURNS, strict=True):
+    for axes, label in zip(panels[:, 0], returns(experiments[0]), strict=True):
         axes.set_ylabel(label)
     handles, texts = panels[1, 0].get_legend_handles_labels()
     if handles:

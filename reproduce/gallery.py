@@ -18,6 +18,7 @@ from reproduce import scores
 from reproduce.drawing import typical_seed
 from reproduce.program import program
 from reproduce.scores import Score
+from reproduce.tables import mean_and_std
 
 WIDTH = 400  # pixels
 FIRST, LAST = 1.2, 3.6  # s of the rollout
@@ -32,7 +33,7 @@ def frames(s: Score) -> Iterator[Image.Image]:
             image = Image.fromarray(picture)
             size = WIDTH, round(image.height * WIDTH / image.width)
             name = f"{s.agent.experiment.title}, {s.run}"
-            score = f"{s.mean:.0f} ± {s.std:.0f}"
+            score = mean_and_std(s.mean, s.std)
             yield captioned(image.resize(size, Image.Resampling.LANCZOS), name, score)
 
 

@@ -82,7 +82,7 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
         mean, _ = scores.paper()["table3"][name]
         right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
     figure5.show_differences(right, name)
-    for axes, label in zip((left, right), figure5.RETURNS, strict=True):
+    for axes, label in zip((left, right), figure5.returns(name), strict=True):
         axes.set_xlabel(figure5.STEPS)
         axes.set_ylabel(label)
     handles, texts = right.get_legend_handles_labels()

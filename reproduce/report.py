@@ -93,7 +93,9 @@ def costs(ours: dict[str, list[Score]]) -> str:
         except InputError:
             rows.append([label, "no recording", *[""] * 5])
             continue
-        totals.append((run.steps[-1], run.core_hours[-1], run.hours[-1]))
+        # The record of a last generation does not count the evaluation after it; its agent's does.
+        steps = max(int(run.steps[-1]), s.agent.metadata.get("environment_steps", 0))
+        totals.append((steps, run.core_hours[-1], run.hours[-1]))
         if name in table2.WALKERS and not scores.rewards_small_legs(name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
@@ -114,7 +116,8 @@ def costs(ours: dict[str, list[Score]]) -> str:
 
 def origins(ours: dict[str, list[Score]]) -> str:
     """Each checkpoint: file, hash, how it was scored and trained."""
-    parts = [f"{scores.scoring_note()} Printed numbers are in [paper.toml]({TO_PAPER})."]
+    note = f"{scores.scoring_note()} Printed numbers are in [paper.toml]({TO_PAPER})."
+    parts = [f"{note} `designrl info` has each agent's settings and libraries."]
     for name, found in ours.items():
         anchor = f'<a id="origin-{EXPERIMENTS[name].letter}"></a>'
         parts += [anchor, f"### {scores.title(name)}"]
@@ -135,11 +138,13 @@ def origin(s: Score) -> str:
         f"`designrl evaluate {shown} --episodes {scores.EPISODES} --seed {scores.SEED}`",
     ]
     if "score_episodes" in m:
+        factor = " with the reward for smaller legs" * scores.rewards_small_legs(
+            s.agent.experiment.name
+        )
         items.append(
             f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
-            f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then"
+            f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then{factor}"
         )
-        items.append("by " + ", ".join(f"{library} {v}" for library, v in m["versions"].items()))
     log = recording_of(s.path)
     if log.exists():
         path = scores.shown(log)

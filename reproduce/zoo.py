@@ -4,9 +4,8 @@
     make zoo ONLY=biped       those of one experiment, or of several: ONLY="biped ant"
     make verify-zoo           train the first generations of every published run again and compare
 
-Which runs there are is decided by `plan`, and how each is trained by its experiment's recipe,
-before any of them starts. Ctrl-C saves all; the next call goes on. What is not done yet is in
-runs/zoo.
+Which runs there are is decided by `plan`, and how each is trained by its experiment's recipe.
+Ctrl-C saves all; the next call goes on. What is not done yet is in runs/zoo.
 """
 
 import argparse

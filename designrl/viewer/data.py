@@ -72,7 +72,7 @@ def log_run(stream: rr.RecordingStream, recording: Recording, name: str) -> None
         recording.array("/summary", field)
         for field in ("mean", "sd", "best", "sigma_mean", "sigma_min", "sigma_max")
     )
-    blue, orange, white = PALETTE[[0, 1, 7]]
+    blue, orange, green, white = PALETTE[[0, 1, 2, 7]]
     _series(
         stream,
         f"{name}/population",
@@ -92,7 +92,7 @@ def log_run(stream: rr.RecordingStream, recording: Recording, name: str) -> None
         stream.log(path, rr.SeriesPoints(names="evaluation", colors=orange, **style), static=True)
         stream.send_columns(path, times, rr.Scalars.columns(scalars=scores))
         best = np.maximum.accumulate(scores)
-        _series(stream, f"{name}/evaluation/best", times, best, ["best so far"], {"colors": orange})
+        _series(stream, f"{name}/evaluation/best", times, best, ["best so far"], {"colors": green})
         # Rerun counts an axis from its first value on: without this, in 99, 1099, 2099.
         start = [rr.TimeColumn(GENERATION, sequence=[0])]
         stream.send_columns(f"{name}/evaluation/best", start, rr.Scalars.columns(scalars=[np.nan]))
