@@ -142,8 +142,10 @@ def run_layout(recording: Recording, name: str, title: str, hint: str = "") -> r
     root, end = entity(name), last_generation(recording)
     axis = _whole(end, WIDE)
     training = ", ".join(training_changes(recording)) or "the environment's own"
+    rewards = training_rewards(recording)  # evaluations have them, too
+    evaluated = " with ".join(["score of evaluated agents", *rewards])
     learning = [
-        _plot(f"score of evaluated agents, points{hint}", f"{root}/evaluation", axis),
+        _plot(f"{evaluated}, points{hint}", f"{root}/evaluation", axis),
         _plot(f"population's return in training ({training})", f"{root}/population", axis),
         _plot("sigma of the parameters", f"{root}/sigma", axis),
     ]
@@ -174,11 +176,17 @@ def training_changes(recording: Recording) -> list[str]:
     experiment = EXPERIMENTS.get(recording.metadata.get("experiment"))
     if experiment is None:
         return []
-    words = [name.replace("_", " ") for name in experiment.training_kwargs]
+    words = training_rewards(recording)
     if (shaping := experiment.shaping) and recording.about("settings").get("shaped_rewards", True):
         words.append(f"a {shaping.free_term} costs nothing")
         words.append(f"over {shaping.solved_return:g} earns {shaping.solved_bonus:g} more")
     return words
+
+
+def training_rewards(recording: Recording) -> list[str]:
+    """The rewards that only a run's training and its evaluations have, in words."""
+    experiment = EXPERIMENTS.get(recording.metadata.get("experiment"))
+    return [name.replace("_", " ") for name in experiment.training_kwargs] if experiment else []
 
 
 def _scene(title: str, origin: str, contents: str, eye) -> rrb.Spatial3DView:
