@@ -102,6 +102,13 @@ def test_a_2018_file_is_imported_in_its_order(tmp_path):
     assert agent.metadata["score"] == 12.5
 
 
+def test_a_run_without_an_agent_says_so(tmp_path):
+    (tmp_path / "generations.mcap").touch()
+    for name in (tmp_path, tmp_path / "best.safetensors"):
+        with pytest.raises(InputError, match=f"{tmp_path} has no agent; a run keeps"):
+            load(name)
+
+
 def test_the_wrong_file_is_refused_by_name(tmp_path):
     save(make_agent("biped"), tmp_path / "a.safetensors")
     with pytest.raises(InputError, match="is of experiment biped, not biped-morphology"):
