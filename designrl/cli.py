@@ -259,7 +259,7 @@ def _export(args) -> None:
     write_table(columns, args.output)
     rows = len(next(iter(columns.values())))
     held = set(columns.get("generation", ()))  # of a published run, only some
-    of = f", {len(held):,} of the generations {min(held)} to {max(held):,}" if held else ""
+    of = f", {len(held):,} of the generations {min(held):,} to {max(held):,}" if held else ""
     print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns{of}"))
 
 

@@ -53,7 +53,8 @@ def dry_run(run: TrainingRun) -> None:
         f"  speed     {speed:,.0f} steps/s {where}, {backend} backend\n"
         f"  steps     {low:,.0f} if episodes stay as short as at the start ({shortest:.0f} steps), "
         f"{high:,} if all last {longest}\n"
-        f"  time      {_time(low / speed)} to {_time(high / speed)}\n"
+        f"  time      {tqdm.format_interval(low / speed)} to "
+        f"{tqdm.format_interval(high / speed)} (h:min:s)\n"
         f"  disk      {size(disk)} at most, {size(recording)} of it for generations.mcap (a "
         f"resume needs that once more, for a moment); {size(free)} are free"
     )
@@ -62,10 +63,6 @@ def dry_run(run: TrainingRun) -> None:
             f"the recordings in {run.out} will take {size(disk)} and {size(free)} are free; free "
             "some space, or choose another place with --out or fewer --generations"
         )
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds / 60:.0f} min" if seconds < 2 * 3600 else f"{seconds / 3600:.0f} h"
 
 
 def _simulation_speed(run: TrainingRun) -> tuple[str, float, float]:

@@ -51,11 +51,9 @@ AXES = ("generation", STEPS, "core-hours")
 
 def returns(experiment: str) -> tuple[str, str]:
     """What the panels show, above and below."""
-    factor = scores.rewards_small_legs(experiment)
-    return (
-        "population's mean\nreturn in training",
-        f"best evaluation so far\n({'with the factor for legs' if factor else 'points'})",
-    )
+    small_legs = scores.rewards_small_legs(experiment)
+    unit = "with the factor for legs" if small_legs else "points"
+    return "population's mean\nreturn in training", f"best evaluation so far\n({unit})"
 
 
 def reads() -> list[Path]:
@@ -78,14 +76,11 @@ def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
 
 def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colour: str) -> None:
     """Draw an experiment's runs over one of AXES: the population above, evaluations below."""
-    named = set()
     for run in runs:
         at = (run.generation, run.steps / 1e6, run.core_hours)[AXES.index(axis)]
         tested = np.interp(run.tested, run.generation, at)
-        text = f"{label}, the paper's settings" if run.papers else label
         style = {"color": colour, "alpha": 0.6, "linewidth": 2 if run.papers else 0.8}
-        style["label"] = None if text in named else text
-        named.add(text)
+        style["label"] = f"{label}, the paper's settings" if run.papers else label
         # Thousands of generations a run would be megabytes as vectors.
         above.plot(at, run.mean, rasterized=True, **style)
         below.step(tested, np.maximum.accumulate(run.scores), where="post", **style)
@@ -134,9 +129,10 @@ def curves(experiments: tuple[str, ...]) -> Figure:
     for axes, label in zip(panels[:, 0], returns(experiments[0]), strict=True):
         axes.set_ylabel(label)
     handles, texts = panels[1, 0].get_legend_handles_labels()
-    if handles:
-        columns = 2 if max(map(len, texts)) < 50 else 1
-        figure.legend(handles, texts, loc="outside lower center", ncols=columns)
+    named = dict(zip(texts, handles, strict=True))  # once for all runs
+    if named:
+        columns = 2 if max(map(len, named)) < 50 else 1
+        figure.legend(named.values(), named, loc="outside lower center", ncols=columns)
     notes = [note for _, missing in found.values() for note in missing]
     if notes:
         figure.suptitle("; ".join(notes), fontsize=7, color="#B00000")

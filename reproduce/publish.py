@@ -95,8 +95,6 @@ def card(s: Score, run: Run) -> str:
     m, experiment, design = s.agent.metadata, s.agent.experiment, s.agent.experiment.design
     error = 1.96 * s.std / np.sqrt(len(s.returns))
     mean, std = scores.paper()["table3"][experiment.name]
-    # The record of a last generation does not count the evaluation after it; its agent's does.
-    steps = max(int(run.steps[-1]), m["environment_steps"])
     factor = ", with the reward for smaller legs" * scores.rewards_small_legs(experiment.name)
     paragraphs = [
         f"# {experiment.title}, seed {m['seed']}",
@@ -104,11 +102,11 @@ def card(s: Score, run: Run) -> str:
         f"**Score** {s.mean:.1f} ± {s.std:.1f} over {scores.EPISODES} rollouts (95 % interval of "
         f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; evaluation seed {scores.SEED}). "
         f"The paper's ten runs: {mean} ± {std}.",
-        f"**Cost** {steps:,} environment steps, {run.core_hours[-1]:.2f} core-hours, "
-        f"{run.hours[-1]:.2f} hours on {run.host}. Of {run.generation[-1] + 1:,} generations "
-        f"the agent after number {m['generation']:,} is kept ({m['environment_steps']:,} steps): "
-        f"the one with the best evaluation during training ({m['score']:.1f} over "
-        f"{m['score_episodes']} episodes{factor}).",
+        f"**Cost** {run.steps_with(s.agent):,} environment steps, {run.core_hours[-1]:.2f} "
+        f"core-hours, {run.hours[-1]:.2f} hours on {run.host}. "
+        f"Of {run.generation[-1] + 1:,} generations the agent after number {m['generation']:,} is "
+        f"kept ({m['environment_steps']:,} steps): the one with the best evaluation during "
+        f"training ({m['score']:.1f} over {m['score_episodes']} episodes{factor}).",
         f"![Learning curve]({s.path.stem}.png)",
     ]
     if design is not None:

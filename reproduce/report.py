@@ -93,9 +93,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
         except InputError:
             rows.append([label, "no recording", *[""] * 5])
             continue
-        # The record of a last generation does not count the evaluation after it; its agent's does.
-        steps = max(int(run.steps[-1]), s.agent.metadata.get("environment_steps", 0))
-        totals.append((steps, run.core_hours[-1], run.hours[-1]))
+        totals.append((run.steps_with(s.agent), run.core_hours[-1], run.hours[-1]))
         if name in table2.WALKERS and not scores.rewards_small_legs(name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does

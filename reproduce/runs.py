@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from designrl.errors import InputError
+from designrl.policy import Agent
 from designrl.recording import read
 from reproduce import scores
 
@@ -32,10 +33,9 @@ class Run:
         generation: (G,) the recorded ones.
         steps, hours, core_hours: (G,) environment steps, wall time and processor time from the
             run's start to a generation's end.
-        mean, sd: (G,) points, over the population, with training's changes of the reward.
+        mean: (G,) points, over the population, with training's changes of the reward.
         tested: (E,) the evaluated generations; a thinned recording need not hold them.
         scores: (E,) points, mean over each evaluation's episodes.
-        episodes: of an evaluation, at most.
     """
 
     papers: bool
@@ -45,10 +45,15 @@ class Run:
     hours: np.ndarray
     core_hours: np.ndarray
     mean: np.ndarray
-    sd: np.ndarray
     tested: np.ndarray
     scores: np.ndarray
-    episodes: int
+
+    def steps_with(self, agent: Agent) -> int:
+        """Environment steps of the run, of which `agent` is the kept one.
+
+        The record of a last generation does not count the evaluation after it; its agent's does.
+        """
+        return max(int(self.steps[-1]), agent.metadata.get("environment_steps", 0))
 
     def solved_at(self) -> int | None:
         """The generation before the first evaluation of SOLVED; None without one."""
@@ -66,12 +71,11 @@ def read_run(path: Path) -> Run:
     generation = recording.generations
     if len(generation) == 0:
         raise InputError(f"{path} holds no generation; train further")
-    names = ("total_steps", "seconds", "cpu_seconds", "mean", "sd")
-    steps, seconds, cpu_seconds, mean, sd = (recording.array("/summary", name) for name in names)
-    tested, means, counts = np.empty(0, np.uint32), np.empty(0), [0]
+    names = ("total_steps", "seconds", "cpu_seconds", "mean")
+    steps, seconds, cpu_seconds, mean = (recording.array("/summary", name) for name in names)
+    tested, means = np.empty(0, np.uint32), np.empty(0)
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
-        counts = [len(row) for row in recording.array("/evaluation", "scores")]
     return Run(
         papers=path.parent.name.startswith("paper-"),
         host=recording.metadata.get("host", "an unknown machine"),
@@ -80,8 +84,6 @@ def read_run(path: Path) -> Run:
         hours=seconds / 3600,
         core_hours=cpu_seconds / 3600,
         mean=mean,
-        sd=sd,
         tested=tested,
         scores=means,
-        episodes=max(counts),
     )

@@ -72,8 +72,10 @@ def compare(without: np.ndarray, with_: np.ndarray) -> dict:
             *np.percentile(probability_of_improvement(a, b), LEVEL).tolist(),
             permutation_p(without, with_),
         ]
-    names = ("difference_low", "difference_high")
-    names += ("probability", "probability_low", "probability_high", "p")
+    names = (
+        *("difference_low", "difference_high"),
+        *("probability", "probability_low", "probability_high", "p"),
+    )
     return result | dict(zip(names, values, strict=True))
 
 
@@ -130,8 +132,8 @@ def pairs(means: Means, ours: list[scores.Score]) -> Table:
             "ties counted half. p: two-sided permutation test of the difference. Where every run "
             "of one side beats every run of the other, the bootstrap cannot see beyond 100 %; p "
             "says how unlikely that is by chance. Higher or lower: the interval lies on one side "
-            "of 0 and p is below 0.05. Small legs trade "
-            "score for a smaller body, so for them the question is what that costs.",
+            "of 0 and p is below 0.05. Small legs trade score for a smaller body, so for them the "
+            "question is what that costs.",
             "The paper's runs are the printed ones of Table 4, rounded to whole points.",
         ],
         records=records,

@@ -191,10 +191,10 @@ def save(left: list[Planned], folder: Path) -> None:
         source, target = folder / run.place, unfinished(run)
         if (source / "state.safetensors").exists():
             target.mkdir(parents=True, exist_ok=True)
-            # The state last: with an older one, what is there goes on from an earlier generation.
-            few = dict.fromkeys(("/distribution", "/returns", "/evaluation"), 3)
-            keep = few | {"/body": KEPT["/body"], "/design": KEPT["/design"]}
+            # A resume says which generations have no summary, so these are complete.
+            keep = {topic: count for topic, count in KEPT.items() if topic != "/summary"}
             thin(source / "generations.mcap", target / "generations.mcap", keep)
+            # The state last: with an older one, what is there goes on from an earlier generation.
             for name in ("best.safetensors", "state.safetensors"):
                 with suppress(FileNotFoundError):
                     write_atomically(target / name, (source / name).read_bytes())

@@ -420,8 +420,8 @@ def test_thinning_drops_messages_and_rounds_nothing(run, tmp_path):
         ("/distribution", "generation", [0, 11]),
         ("/distribution", "mu", [0, 11]),
         ("/distribution", "sigma", [0, 11]),
-        ("/returns", "returns", [0, 5, 11]),
-        ("/summary", "mean", [0, 3, 5, 8, 11]),
+        ("/returns", "returns", [0, 6, 11]),
+        ("/summary", "mean", [0, 3, 6, 8, 11]),
         ("/design", "dimensions", slice(None)),
         ("/evaluation", "mean", slice(None)),
     ):

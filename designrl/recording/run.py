@@ -267,9 +267,8 @@ def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT)
     """Copy a run's recording with fewer messages.
 
     Of each topic in `keep` it has so many at most: the first, the last and those nearest to
-    generations spread evenly between.
-    Evaluations beyond that number stay without their episodes. Other topics are complete. Nothing
-    is rounded. The metadata record "thinned" says what was done.
+    generations spread evenly between. Evaluations beyond that number stay without their episodes.
+    Other topics are complete. Nothing is rounded. The metadata record "thinned" says what was done.
 
     Raises:
         RecordingError: a file cannot be read or written, or is not of a run.
@@ -280,9 +279,11 @@ def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT)
     kept = {}
     for topic in filter(recording.topics.get, keep):
         held = recording.array(topic, "sequence").astype(int)
-        spread = np.linspace(held[0], held[-1], keep[topic])
-        nearest = np.abs(held[:, None] - spread).argmin(axis=0)
-        kept[topic] = set((held if len(held) <= keep[topic] else held[nearest]).tolist())
+        if len(held) > keep[topic]:
+            spread = np.linspace(held[0], held[-1], keep[topic])
+            middles = (held[1:] + held[:-1]) / 2
+            held = held[np.searchsorted(middles, spread, side="right")]
+        kept[topic] = set(held.tolist())
     done = {
         "of_generations": len(recording.generations),
         "kept": {topic: len(generations) for topic, generations in kept.items()},

@@ -52,13 +52,15 @@ def _generations(recording: Recording) -> Table:
     def add(topic: str, columns: Table) -> None:
         rows = np.searchsorted(found["generation"], held[topic])
         for name, values in columns.items():
-            complete = len(rows) == len(found["generation"])
-            found[name] = values if complete else np.full(len(found["generation"]), np.nan)
+            found[name] = np.full(len(found["generation"]), np.nan)
             found[name][rows] = values
 
     names = [field.name for field in schema.Summary.DESCRIPTOR.fields]
     summary = {name: recording.array("/summary", name) for name in names if name != "generation"}
-    add("/summary", summary)
+    if len(held["/summary"]) == len(found["generation"]):
+        found |= summary  # whole numbers stay such
+    else:
+        add("/summary", summary)
     if recording.topics.get("/evaluation"):
         fields = {name: recording.array("/evaluation", name) for name in ("mean", "sd", "kept")}
         add("/evaluation", {f"evaluation {name}": values for name, values in fields.items()})
