@@ -132,7 +132,7 @@ _ZOO = {
     "evaluate_every": 100,
     "evaluation_episodes": 192,
 }
-# An ant's episodes differ little from seed to seed, so updates are what is scarce.
+# With few candidates an ant needs a third of the steps (docs/studies.md): updates are scarce.
 _ZOO_ANT = {
     **_ZOO,
     "rollouts": 1,
@@ -142,7 +142,7 @@ _ZOO_ANT = {
     "sigma_decay": 0.9998,
     "evaluate_every": 200,
 }
-# Falls decide hardcore's scores, and it takes episodes to see them.
+# Falls decide hardcore's scores, and the ranks of few episodes hardly see them.
 _ZOO_HARDCORE = {
     "population": 192,
     "rollouts": 4,
