@@ -72,10 +72,8 @@ def compare(without: np.ndarray, with_: np.ndarray) -> dict:
             *np.percentile(probability_of_improvement(a, b), LEVEL).tolist(),
             permutation_p(without, with_),
         ]
-    names = (
-        *("difference_low", "difference_high"),
-        *("probability", "probability_low", "probability_high", "p"),
-    )
+    chances = ("probability", "probability_low", "probability_high")
+    names = ("difference_low", "difference_high", *chances, "p")
     return result | dict(zip(names, values, strict=True))
 
 

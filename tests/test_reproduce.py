@@ -23,6 +23,7 @@ from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash, write_atomically
 from designrl.policy import Agent
 from designrl.published import published, zoo_folder
+from designrl.recording import read
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import (
@@ -422,6 +423,7 @@ def test_learning_curve_is_the_recordings(trained, project):
     run = runs.read_run(path)
     assert run.generation.tolist() == [0, 1, 2, 3, 4] and run.tested.tolist() == [1, 3, 4]
     assert (np.diff(run.steps) > 0).all() and (np.diff(run.core_hours) > 0).all()
+    assert read(path).array("/evaluation", "scores").shape == (3, 4)
     assert run.solved_at() is None
     assert build.make("figure5") and build.make("figure5") is None
     panels = figure5.curves(("biped", "ant")).axes
