@@ -82,15 +82,15 @@ def tables() -> list[Table]:
             record["author_runs"] = " ".join(map(str, good))
         rows.append(cells)
         records.append(record)
+    note = "Mean ± sample standard deviation over runs of the average score of 100 rollouts."
+    if any(str(cell).endswith("*") for cells in rows if cells for cell in cells):
+        note += " *: one run; the standard deviation is over its rollouts."
     table = Table(
         "table3",
         "Table 3: average scores of independent runs, paper and ours",
         header=header,
         rows=rows,
-        notes=[
-            "Mean ± sample standard deviation over runs of the average score of 100 rollouts. "
-            "*: one run; the standard deviation is over its rollouts."
-        ],
+        notes=[note],
         records=records,
         scores=used,
     )
