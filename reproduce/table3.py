@@ -83,7 +83,7 @@ def tables() -> list[Table]:
         rows.append(cells)
         records.append(record)
     note = "Mean ± sample standard deviation over runs of the average score of 100 rollouts."
-    if any(str(cell).endswith("*") for cells in rows if cells for cell in cells):
+    if any(str(cell).endswith("*") for cells in filter(None, rows) for cell in cells):
         note += " *: one run; the standard deviation is over its rollouts."
     table = Table(
         "table3",

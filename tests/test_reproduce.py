@@ -279,6 +279,15 @@ def test_unknown_item_is_named():
 # ----------------------------------------------------------------------------------------- tables
 
 
+def test_table3_explains_its_mark_of_a_single_run_where_it_has_one(project):
+    build.make("table3")
+    table = project / "paper/tables/table3.md"
+    assert "*: one run" not in table.read_text()
+    pretrain(project, "biped")
+    build.make("table3")
+    assert "*: one run" in table.read_text()
+
+
 def test_unusable_checkpoints_are_named_and_the_rest_goes_on(project):
     pretrain(project, "biped")
     broken = pretrain(project, "biped-morphology")
