@@ -10,7 +10,8 @@ CAPTIONS = {
         "Figure 1",
         "Hardcore terrain: the original body above, the learned one below; several moments of one "
         "rollout each, on the terrain of the same seed, drawn from the environment's shapes. The "
-        "rollout is the one closest to both agents' medians over the evaluation.",
+        "rollout is the one closest to both agents' medians over the evaluation. Of our runs, "
+        "Figures 1, 3, 4 and 6 show the best of each experiment.",
     )
 }
 

@@ -17,11 +17,12 @@ from reproduce.runs import SOLVED, Run, read_run, recordings
 CAPTIONS = {
     "figure5": (
         "Figure 5",
-        "Hardcore learning curves, with the original and a learned body, over generations, "
-        "environment steps and core-hours. Above, the population's return as training sees it: a "
-        "fall costs nothing, success earns 100 more, so it does not compare with scores. Below, "
-        "the best evaluated agent so far, by its score. A line for each run. Dashed: 300 points, "
-        "solved. Dotted: when the paper's runs had solved it.",
+        "Hardcore learning curves, with the original and a learned body, over generations (the "
+        "recipe's have 192 candidates with 4 rollouts, the paper's 192 with 16), environment steps "
+        "and core-hours. Above, the population's return as training sees it: a fall costs nothing, "
+        "success earns 100 more, so it does not compare with scores. Below, the best evaluated "
+        "agent so far, by its score. A line for each run. Dashed: 300 points, solved. Dotted: when "
+        "the paper's runs, with its settings, had solved it.",
     ),
     "curves": (
         "Curves on flat terrain",

@@ -81,8 +81,8 @@ def does_a_learned_body_help(comparisons: list[dict]) -> str:
 def costs(ours: dict[str, list[Score]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
 
-    def spent(steps: float, core_hours: float, hours: float) -> list[str]:
-        return [f"{steps / 1e6:,.0f} M", f"{core_hours:.2f}", f"{hours:.2f}"]
+    def spent(steps: float, core_hours: float) -> list[str]:
+        return [f"{steps / 1e6:,.0f} M", f"{core_hours:.2f}"]
 
     rows, totals = [], []
     for name, s in ((name, s) for name, found in ours.items() for s in usable(found)):
@@ -93,7 +93,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
         except InputError:
             rows.append([label, "no recording", *[""] * 5])
             continue
-        totals.append((run.steps_with(s.agent), run.core_hours[-1], run.hours[-1]))
+        totals.append((run.steps_with(s.agent), run.core_hours[-1]))
         if name in table2.WALKERS and not scores.rewards_small_legs(name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
@@ -103,10 +103,11 @@ def costs(ours: dict[str, list[Score]]) -> str:
             core_hours = printed["hours"] * figure5.PAPER_CORES
             paper = f"{printed['generations']:,}; {core_hours:,}"
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
-        rows.append([label, done, *spent(*totals[-1]), solved, paper])
+        rows.append([label, done, *spent(*totals[-1]), f"{run.hours[-1]:.2f}", solved, paper])
     if not totals:
         return "No run is published yet."
-    rows.append([f"All {len(totals)} published runs", "", *spent(*np.sum(totals, 0)), "", ""])
+    # Not the hours: some runs were trained side by side.
+    rows.append([f"All {len(totals)} published runs", "", *spent(*np.sum(totals, 0)), "", "", ""])
     header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
     header += ["Solved: generation; core-hours", "In the paper"]
     return Table("costs", "", header, rows, [], []).markdown(linked)
