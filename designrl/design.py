@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from designrl.errors import InputError
+from designrl.numeric import real_numbers
 
 SCALE_RANGE = 0.75  # the ±75 % of section 4
 SCALE_MIN, SCALE_MAX = 1.0 - SCALE_RANGE, 1.0 + SCALE_RANGE
@@ -52,8 +53,8 @@ class DesignSpace:
         """
         allowed = f"each must be in [{SCALE_MIN}, {SCALE_MAX}]"
         try:
-            array = np.asarray(scales, dtype=np.float64).copy()  # torch knows no copy=
-        except (TypeError, ValueError):
+            array = real_numbers(scales)
+        except ValueError:
             raise InputError(f"a design must be {self.size} numbers; {allowed}") from None
         if array.shape != (self.size,):
             raise InputError(

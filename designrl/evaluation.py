@@ -105,6 +105,7 @@ def evaluate(
         InputError: episodes, seed, workers or backend out of range, or no agent.
     """
     check_episodes(episodes, seed)
+    episodes, seed = int(episodes), int(seed)
     if isinstance(agent, str | Path):
         agent = load(agent)
     if not isinstance(agent, Agent):

@@ -11,7 +11,6 @@ float32 rounding.
 """
 
 import math
-import operator
 import threading
 from collections.abc import Iterator
 from functools import cached_property
@@ -23,6 +22,7 @@ import numpy as np
 from designrl import engine
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network
+from designrl.numeric import real_numbers, whole_number
 
 # tanh(x) = x P(x²) / Q(x²) on |x| <= 9: a minimax fit of ours, relative error 2.1e-8 in exact
 # arithmetic and 3.8e-7 in float32. A rational function of basic operations because those give the
@@ -125,7 +125,10 @@ class Agent:
     ):
         self.experiment = experiment
         self.network = network or experiment.network
-        self.parameters = np.array(parameters, dtype=np.float64)
+        try:
+            self.parameters = real_numbers(parameters)
+        except ValueError as error:
+            raise InputError(f"parameters must be real numbers ({error})") from None
         self.metadata = metadata or {}
         expected = experiment.parameters_with(self.network)
         if self.parameters.shape != (expected,):
@@ -192,8 +195,11 @@ class Agent:
         """Reset the agent and an environment of its experiment, in its own body.
 
         Returns: the first observation (O,).
+
+        Raises:
+            InputError: a seed that is no whole number from 0 on.
         """
-        seed = operator.index(seed)  # Gymnasium takes none of NumPy's
+        seed = whole_number("the seed", seed, 0)
         self.reset(seed)
         observation, _ = env.reset(seed=seed, options={"design": self.scales})
         return observation

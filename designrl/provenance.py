@@ -10,8 +10,8 @@ from pathlib import Path
 VERSION = "0.1.0"
 LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
 # What a score depends on; the rest (recordings, viewer, command line) may change without it.
-_SCORING_SOURCES = ("bodies", "design.py", "engine", "envs", "experiments.py", "policy.py")
-_SCORING_SOURCES += ("evaluation.py", "simulation.py", "workers.py")
+_SCORING_SOURCES = ("bodies", "design.py", "engine", "envs", "experiments.py", "numeric.py")
+_SCORING_SOURCES += ("policy.py", "evaluation.py", "simulation.py", "workers.py")
 
 
 @cache

@@ -25,6 +25,7 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from designrl import engine, envs
 from designrl.errors import InputError
 from designrl.experiments import PAPERS, Experiment, Network, Shaping, get_experiment
+from designrl.numeric import real_numbers, whole_numbers
 from designrl.policy import Agent, noise_stds
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
@@ -184,13 +185,20 @@ class Simulator(AbstractContextManager):
         return result
 
     def _checked(self, candidates, seeds) -> tuple[np.ndarray, np.ndarray]:
-        candidates = np.asarray(candidates, dtype=np.float64)
-        seeds = np.asarray(seeds)
+        try:
+            candidates = real_numbers(candidates)
+        except ValueError as error:
+            raise InputError(f"candidates must be an array of real numbers ({error})") from None
         if candidates.ndim != 2 or candidates.shape[1] != self._parameters:
             raise InputError(
                 f"candidates of {self.experiment.name} must have shape (N, {self._parameters}), "
                 f"got {candidates.shape}"
             )
+        wrong_seed = "each candidate needs a seed at least, a whole number from 0 to 2**63 - 1"
+        try:
+            seeds = whole_numbers(seeds)
+        except ValueError as error:
+            raise InputError(f"{wrong_seed} ({error})") from None
         if seeds.ndim != 2 or len(seeds) != len(candidates):
             raise InputError(
                 f"seeds must have shape ({len(candidates)}, R), one row per candidate, "
@@ -200,11 +208,9 @@ class Simulator(AbstractContextManager):
         if not usable.all():
             i, j = np.argwhere(~usable)[0]
             raise InputError(f"candidate {i}: parameter {j} is not a finite float32 number")
-        whole = seeds.shape[1] > 0 and seeds.dtype.kind in "iu"
-        if not whole or seeds.min(initial=0) < 0 or seeds.max(initial=0) > np.iinfo(np.int64).max:
-            raise InputError(
-                "each candidate needs a seed at least, a whole number from 0 to 2**63 - 1"
-            )
+        within = seeds.min(initial=0) >= 0 and seeds.max(initial=0) <= np.iinfo(np.int64).max
+        if seeds.shape[1] == 0 or not within:
+            raise InputError(wrong_seed)
         return candidates, seeds.astype(np.int64)
 
     def _run(self, episodes, candidates, seeds, progress) -> RolloutResult:

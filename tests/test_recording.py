@@ -399,7 +399,7 @@ def test_what_cannot_be_recorded_is_refused_and_leaves_no_file(rollout, tmp_path
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match=r"file/run\.mcap cannot be written"):
         RunWriter(tmp_path / "file" / "run.mcap", ABOUT)
-    with pytest.raises(InputError, match="the seed is -1; choose one from 0 up"):
+    with pytest.raises(InputError, match="the seed is -1; it must be a whole number from 0 on"):
         record_rollout(random_agent("biped"), tmp_path / "rollout.mcap", seed=-1)
     monkeypatch.setattr(os, "pwrite", full_disk(after=1000))
     with pytest.raises(RecordingError, match="No space left") as failure:

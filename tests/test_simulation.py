@@ -213,12 +213,16 @@ def test_wrong_input_is_refused():
                 Simulator("biped", **{"backend": backend, **arguments})
     nans = [[0.0] * 2804, [np.nan] * 2804]
     for words, parameters, seeds in (
-        (r"\(N, 2804\)", np.zeros((2, 2812)), np.zeros((2, 1))),
-        ("one row per candidate", np.zeros((2, 2804)), np.zeros((3, 1))),
+        ("array of real numbers", np.full((1, 2804), 1j), [[0]]),
+        (r"\(N, 2804\)", np.zeros((2, 2812)), [[0], [0]]),
+        ("one row per candidate", np.zeros((2, 2804)), [[0], [0], [0]]),
         ("candidate 1: parameter 0 is not a finite", nans, [[0], [0]]),
         *(
             ("a whole number from 0", np.zeros((1, 2804)), seeds)
-            for seeds in ([[0.5]], [["a"]], [[-1]], [[2**63]], np.zeros((1, 0), dtype=int))
+            for seeds in (
+                *([[0.5]], [["a"]], [[-1]], [[2**63]], [[2**70]], [[1, 2], [3]]),
+                *(np.zeros((1, 0), dtype=int), np.ma.masked_array([[1]], mask=True)),
+            )
         ),
     ):
         with pytest.raises(InputError, match=words):

@@ -1,7 +1,6 @@
 """Recording one episode, in a way that any viewer of MCAP files draws."""
 
 import math
-import operator
 from pathlib import Path
 
 import gymnasium
@@ -9,7 +8,7 @@ import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from designrl.bodies import relative
-from designrl.errors import InputError
+from designrl.numeric import whole_number
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, McapFile
 from designrl.recording.points import point_cloud
@@ -151,12 +150,10 @@ def record_rollout(agent, path: str | Path, seed: int, steps: int | None = None)
     Returns: the score of what is recorded, without any training-time change of the reward.
 
     Raises:
-        InputError: the seed is negative.
+        InputError: the seed is no whole number from 0 on.
         RecordingError: the file cannot be written.
     """
-    seed = operator.index(seed)
-    if seed < 0:
-        raise InputError(f"the seed is {seed}; choose one from 0 up")
+    seed = whole_number("the seed", seed, 0)
     env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
     design = agent.experiment.body.design
     about = {
