@@ -1,15 +1,19 @@
 """What all environments hold to: Gymnasium's rules, and episodes that repeat to the bit."""
 
 import copy
+import dataclasses
 import pickle
+import signal
 import warnings
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import designrl  # noqa: F401
+from designrl.errors import InputError
 
 STEPS = {
     "designrl/BipedalWalker-v0": 1600,
@@ -128,9 +132,106 @@ def test_wrong_arguments_are_refused(env_id):
         env.reset(options={"desing": np.ones(space.size)})
     env.reset(seed=0)
     nan = np.full(size, np.nan)
-    for action in (np.zeros(size - 1), nan, np.zeros((size, 1)), 0.0, None, ["a"] * size):
-        with pytest.raises(ValueError, match=f"{size} finite numbers"):
+    masked = np.ma.masked_array(np.zeros(size), mask=True)
+    strange = (["a"] * size, ["0"] * size, [1j] * size, [10**400] * size, [[0], [0, 1]], masked)
+    for action in (np.zeros(size - 1), nan, np.zeros((size, 1)), 0.0, None, *strange):
+        with pytest.raises(InputError, match=f"{size} finite numbers"):
             env.unwrapped.step(action)
+
+
+def test_seeds_are_whole_numbers_of_any_type(env_id):
+    env = make(env_id)
+    expected = env.reset(seed=3)[0]
+    for seed in (np.uint8(3), np.array(3)):
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], expected)
+    before = env.unwrapped.np_random.bit_generator.state
+    for seed in (-1, 3.0, "3", np.array([3]), np.ma.masked, [1]):
+        with pytest.raises(InputError, match="seed is .* whole number from 0 on"):
+            env.reset(seed=seed)
+    assert env.unwrapped.np_random.bit_generator.state == before
+
+
+def pickled(thing):
+    return pickle.loads(pickle.dumps(thing))
+
+
+def same_future(one, other, steps=60, seed=4) -> bool:
+    """Under the same actions, and through the reset after them."""
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        action = rng.uniform(-1, 1, one.action_space.shape)
+        (seen, *first), (seen_there, *second) = one.step(action), other.step(action)
+        if seen.tobytes() != seen_there.tobytes() or first != second:
+            return False
+    return one.reset()[0].tobytes() == other.reset()[0].tobytes()
+
+
+def test_what_follows_a_restore_has_the_bits_of_what_followed_the_save(env_id):
+    body, later = designs(env_id)
+    env = make(env_id, design=body).unwrapped
+    trajectory(env, 2, steps=20)
+    env.reset()  # its generator has been in use
+    for action in np.random.default_rng(3).uniform(-1, 1, (70, *env.action_space.shape)):
+        env.step(action)
+    env.design = later  # from the next reset on
+    state = pickled(env.get_state())
+    other, third = make(env_id).unwrapped, make(env_id).unwrapped
+    third.set_state(state)
+    assert third.np_random_seed == 2
+    for copied in (copy.copy(env), copy.deepcopy(env), pickled(env), third):
+        other.set_state(state)
+        np.testing.assert_array_equal(other.design, later)
+        assert same_future(copied, other)
+    assert same_future(env, third) is False
+    third.set_state(state)
+    env.set_state(state)
+    assert same_future(env, third)
+
+
+def test_a_copy_goes_on_within_its_wrappers(env_id):
+    env = gymnasium.make(env_id, max_episode_steps=50)
+    env.reset(seed=0)
+    still = np.zeros(env.action_space.shape)
+    for _ in range(40):
+        env.step(still)
+    other = copy.deepcopy(env)
+    ends = [[each.step(still)[3] for _ in range(10)] for each in (env, other)]
+    assert ends == [[False] * 9 + [True]] * 2
+    assert same_future(env, other, steps=5)
+
+
+def test_a_state_that_does_not_fit_is_refused(env_id):
+    env = make(env_id).unwrapped
+    for call in (env.get_state, lambda: env.step(np.zeros(env.action_space.shape))):
+        with pytest.raises(ResetNeeded, match=r"\(\) before reset\(\)"):
+            call()
+    env.reset(seed=0)
+    state, action = env.get_state(), np.zeros(env.action_space.shape)
+    elsewhere = dataclasses.replace(state, observation=b"of other libraries")
+    for wrong in (None, dataclasses.replace(state, kind="Hopper()")):
+        with pytest.raises(InputError, match="no state of a "):
+            env.set_state(wrong)
+    env.step(action)
+    with pytest.raises(InputError, match="goes another way here"):
+        env.set_state(elsewhere)
+    with pytest.raises(ResetNeeded):
+        env.step(action)
+    env.set_state(state)
+    env.step(action)
+
+
+def test_a_step_that_was_interrupted_asks_for_a_reset(env_id, monkeypatch):
+    env = make(env_id).unwrapped
+    env.reset(seed=0)
+    state, action = env.get_state(), np.zeros(env.action_space.shape)
+    with monkeypatch.context() as patch:
+        patch.setattr(type(env), "_advance", lambda *_: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            env.step(action)
+    with pytest.raises(ResetNeeded):
+        env.step(action)
+    env.set_state(state)
+    env.step(action)
 
 
 @pytest.mark.parametrize("set_by", ["reset", "attribute"])

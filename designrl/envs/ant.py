@@ -13,6 +13,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
+from gymnasium.vector import VectorEnv
 
 from designrl.bodies import Poses
 from designrl.bodies.ant import (
@@ -27,7 +28,7 @@ from designrl.bodies.ant import (
 )
 from designrl.engine import Task
 from designrl.envs import engine_reason
-from designrl.envs.inputs import HasDesign, checked_action
+from designrl.envs.inputs import HasDesign
 from designrl.envs.vector import EngineVectorEnv, no_engine
 from designrl.errors import InputError
 
@@ -198,7 +199,8 @@ class Ant(HasDesign, gymnasium.Env):
 
     Raises:
         InputError (a ValueError): a design of wrong length, not finite or out of bounds; an unknown
-            render mode; unknown reset options; too many environments in one process.
+            render mode; unknown reset options; too many environments in one process; an action
+            that is not 8 finite numbers; a seed that is no whole number from 0 on.
 
     ## Version history
     - v0: the 2018 task on PyBullet 3.2.7.
@@ -219,10 +221,7 @@ class Ant(HasDesign, gymnasium.Env):
 
     # ------------------------------------------------------------------------------- episodes
 
-    def reset(self, *, seed: int | None = None, options: dict | None = None):
-        """Start an episode; `options={"design": scales}` changes the body from now on."""
-        super().reset(seed=seed)
-        self.choose_design(options)
+    def _start_episode(self) -> np.ndarray:
         if self._client < 0:
             self._connect()
         if self._loaded is None or not np.array_equal(self._loaded, self.design):
@@ -240,15 +239,10 @@ class Ant(HasDesign, gymnasium.Env):
         )
         self.torques = (0.0,) * len(ANT.joints)
         self.foot_contacts = (0.0,) * len(ANT.contact_names)
-        return self._observe(), {}
+        return self._observe()
 
-    def step(self, action):
-        """0.0165 s; the reward is float64 whatever the action's type.
-
-        Raises:
-            InputError: an action that is not 8 finite numbers.
-        """
-        actions = checked_action(action, len(ANT.joints)).tolist()
+    def _advance(self, action: np.ndarray):
+        actions = action.tolist()
         self.torques = tuple([MOTOR_TORQUE * min(max(a, -1.0), 1.0) for a in actions])
         pybullet.setJointMotorControlArray(
             self._ant,
@@ -422,6 +416,7 @@ class Ant(HasDesign, gymnasium.Env):
         """End the Bullet world; the next reset makes a new one."""
         if self._client >= 0:
             client, self._client, self._loaded = self._client, -1, None
+            self._episode = None
             with contextlib.suppress(pybullet.error):
                 pybullet.disconnect(client)
 
@@ -473,7 +468,7 @@ class Ant(HasDesign, gymnasium.Env):
         return np.asarray(pixels, dtype=np.uint8).reshape(height, width, 4)[:, :, :3].copy()
 
 
-class VectorAnt(EngineVectorEnv):
+class VectorAnt(EngineVectorEnv, VectorEnv):
     """Many ants in the compiled engine, with the arguments of `Ant` and `EngineVectorEnv`.
 
     Raises:

@@ -1,10 +1,16 @@
-"""What `reset` and `step` take."""
+"""What `reset` and `step` take, and what they did: an episode can be saved and restored."""
 
+import copy
+from dataclasses import dataclass
+
+import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import EzPickle
 
 from designrl.bodies import Body
 from designrl.errors import InputError
+from designrl.numeric import real_numbers, whole_number
 
 
 def checked_options(options: dict | None, *names: str) -> dict:
@@ -22,13 +28,145 @@ def checked_options(options: dict | None, *names: str) -> dict:
     return options
 
 
+@dataclass(frozen=True)
+class EpisodeState:
+    """How an episode of a single environment got where it is.
+
+    Attributes:
+        kind: of environment.
+        random: its generator as `reset` found it, and as it is now.
+        seed: the generator's.
+        designs: (2, D) scales of the body, and of the one from the next reset on.
+        actions: (steps, A) float64, as bytes.
+        observation: the last one's bytes.
+    """
+
+    kind: str
+    random: tuple[np.random.Generator, np.random.Generator]
+    seed: int
+    designs: np.ndarray
+    actions: bytes
+    observation: bytes
+
+
 class HasDesign(EzPickle):
     """An environment with a `body`, in a design that is checked whenever it is set.
 
-    The design is the first argument of `EzPickle.__init__`, which comes before it is set.
+    An environment defines `_start_episode()`, which begins an episode in its `design` with its `np_random`
+    and returns an observation, and `_advance(action)`, a step.
+
+    The design is the first argument of `EzPickle.__init__`, which comes before it is set; the
+    render mode is the last.
     """
 
     body: Body
+    # Of the episode: the generator at its start, scales, actions' bytes, observation's bytes. None
+    # before the first reset, and where one, or a step, did not come to its end.
+    _episode: tuple | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict | None = None):
+        """Start an episode; `options={"design": scales}` changes the body from now on.
+
+        Raises:
+            InputError: another option, no design of the body, or a seed that is no whole number
+                from 0 on.
+        """
+        seed = None if seed is None else whole_number("seed", seed, 0)
+        self.choose_design(options)
+        gymnasium.Env.reset(self, seed=seed)  # seeds the generator
+        return self._begin(), {}
+
+    def step(self, action):
+        """One of the body's time steps; the reward is float64 whatever the action's type.
+
+        Raises:
+            InputError: an action that is not as many finite numbers as there are joints.
+            gymnasium.error.ResetNeeded: there is no episode.
+        """
+        action = checked_action(action, len(self.body.joints))
+        if self._episode is None:
+            raise ResetNeeded("step() before reset()")
+        (*start, actions, _), self._episode = self._episode, None
+        result = self._advance(action)
+        actions += action.tobytes()
+        self._episode = *start, actions, result[0].tobytes()
+        return result
+
+    def get_state(self) -> EpisodeState:
+        """The episode as it is, for `set_state` here or in another environment of this kind.
+
+        Its start and its actions so far: neither Box2D nor PyBullet can save a world to the bit.
+        It can be pickled. A `TimeLimit` around the environment counts its own steps.
+
+        Raises:
+            gymnasium.error.ResetNeeded: there is no episode.
+        """
+        if self._episode is None:
+            raise ResetNeeded("get_state() before reset()")
+        start, scales, actions, observation = self._episode
+        random = copy.deepcopy((start, self.np_random))
+        designs = np.array([scales, self.design])
+        return EpisodeState(
+            self._kind, random, self.np_random_seed, designs, bytes(actions), observation
+        )
+
+    def set_state(self, state: EpisodeState) -> None:
+        """Go on from a saved episode: what follows has the bits of what followed `get_state`.
+
+        The episode is played again from its start, which takes as long as it took. Copies, by
+        `copy` or by pickle, do the same.
+
+        Raises:
+            InputError: of another kind of environment, or one that comes to something else here:
+                other versions of the libraries. A reset must follow then.
+        """
+        if not isinstance(state, EpisodeState) or state.kind != self._kind:
+            raise InputError(f"this is no state of a {self._kind}; take one from its get_state()")
+        (start, now), (scales, design) = copy.deepcopy(state.random), state.designs
+        shown, self.render_mode = self.render_mode, None
+        try:
+            self.design = scales
+            self._np_random, self._np_random_seed = start, state.seed
+            self._begin()
+            for action in np.frombuffer(state.actions).reshape(-1, len(self.body.joints)):
+                HasDesign.step(self, action)
+            same = self._episode[-1] == state.observation
+        except BaseException:
+            self._episode = None
+            raise
+        finally:
+            self.render_mode = shown
+        if not same:
+            self._episode = None
+            raise InputError(
+                "the saved episode goes another way here: it was saved with other versions of "
+                "designrl or its libraries"
+            )
+        self.design, self._np_random = design, now
+
+    def _begin(self) -> np.ndarray:
+        start, scales = copy.deepcopy(self.np_random), self.design
+        self._episode = start, scales, bytearray(), b""  # Gymnasium's reset may take a step
+        try:
+            observation = self._start_episode()
+        except BaseException:
+            self._episode = None
+            raise
+        self._episode = start, scales, bytearray(), observation.tobytes()
+        return observation
+
+    @property
+    def _kind(self) -> str:
+        return f"{type(self).__name__}{self._ezpickle_args[1:-1]}"
+
+    def __getstate__(self) -> dict:
+        episode = None if self._episode is None else self.get_state()
+        return {**super().__getstate__(), "episode": episode}
+
+    def __setstate__(self, state: dict) -> None:
+        super().__setstate__(state)
+        if state["episode"] is not None:
+            self.set_state(state["episode"])
 
     @property
     def design(self) -> np.ndarray:
@@ -63,8 +201,8 @@ def checked_action(action, size: int) -> np.ndarray:
         InputError: anything else than that many finite numbers.
     """
     try:
-        found = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
+        found = real_numbers(action)
+    except ValueError:
         found = np.empty(0)
     if found.shape != (size,) or not np.isfinite(found).all():
         raise InputError(f"an action must be {size} finite numbers, got {action}")

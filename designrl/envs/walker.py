@@ -15,10 +15,11 @@ from gymnasium.envs.box2d.bipedal_walker import (
     BipedalWalker,
 )
 from gymnasium.utils import EzPickle
+from gymnasium.vector import VectorEnv
 
 from designrl.bodies.walker import WALKER, is_closest_lidar, leg_area_reward_factor
 from designrl.envs import walker_task
-from designrl.envs.inputs import HasDesign, checked_action
+from designrl.envs.inputs import HasDesign
 from designrl.envs.vector import EngineVectorEnv
 
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
@@ -170,7 +171,8 @@ class Walker(HasDesign, BipedalWalker):
 
     Raises:
         InputError (a ValueError): a design of wrong length, not finite or out of bounds; an
-            unknown `lidar`; unknown reset options; an action that is not four finite numbers.
+            unknown `lidar`; unknown reset options; an action that is not four finite numbers; a
+            seed that is no whole number from 0 on.
 
     ## Version history
     - v0: the 2018 task on Gymnasium 1.4 and box2d-py 2.3.8.
@@ -194,25 +196,17 @@ class Walker(HasDesign, BipedalWalker):
 
         self.observation_space, self.action_space = walker_spaces()
 
-    def reset(self, *, seed: int | None = None, options: dict | None = None):
-        """Start an episode; `options={"design": scales}` changes the body from now on."""
-        self.choose_design(options)
+    def _start_episode(self) -> np.ndarray:
         self._reward_factor = float(leg_area_reward_factor(self.design))
         # The old world goes as a whole: a world that is used again keeps the order in which its
         # free list hands out contacts and tree nodes, and with it another rounding.
         self.terrain = []
         self.world = _World(self.design, first_hit=not self._closest_hits)
         self._x = self._tilt = 0.0
-        return super().reset(seed=seed)
+        return BipedalWalker.reset(self)[0]
 
-    def step(self, action):
-        """One 50th of a second; rewards are float64 whatever the action's type.
-
-        Raises:
-            InputError: an action that is not four finite numbers.
-        """
-        action = checked_action(action, len(WALKER.joints))
-        observation, reward, terminated, truncated, info = super().step(action)
+    def _advance(self, action: np.ndarray):
+        observation, reward, terminated, truncated, info = BipedalWalker.step(self, action)
         x, tilt = self.hull.position[0], abs(self.hull.angle)
         terms = dict.fromkeys(REWARD_TERMS, 0.0)
         if self.game_over or x < 0:
@@ -231,7 +225,8 @@ class Walker(HasDesign, BipedalWalker):
         return observation, float(reward), terminated, truncated, info
 
 
-class VectorWalker(EngineVectorEnv):
+# VectorEnv is named for libraries that look at a class's own bases only (skrl).
+class VectorWalker(EngineVectorEnv, VectorEnv):
     """Many walkers in the compiled engine, with the arguments of `Walker` and `EngineVectorEnv`."""
 
     def __init__(
