@@ -1,19 +1,26 @@
 """The vector environments: SyncVectorEnv's bits in every output, or one clear error."""
 
+import copy
 import os
+import pickle
+import re
+import signal
+import threading
 from contextlib import suppress
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
 import designrl  # noqa: F401
 from designrl import engine, envs
+from designrl.engine import stepper
 from designrl.engine.verify_vector import (
     ANT_ID,
     FLAT_ID,
@@ -38,6 +45,16 @@ def make(env_id=FLAT_ID, num_envs=3, **kwargs):
 
 def random_actions(env, steps, seed=0):
     return np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape))
+
+
+def arrays(info):
+    """An environment's info with its numbers as arrays."""
+    items = info.items()
+    return {k: arrays(v) if isinstance(v, dict) else np.asarray(v) for k, v in items}
+
+
+def pickled(thing):
+    return pickle.loads(pickle.dumps(thing))
 
 
 def run(env, steps=30, seed=5):
@@ -112,8 +129,8 @@ def test_what_it_returns_stays_as_it_was_returned():
     copies = [[np.copy(array) for array in result[:4]] for result in results]
     env.step(env.action_space.sample())
     np.testing.assert_array_equal(first, kept)
-    for result, copy in zip(results, copies, strict=True):
-        for a, b in zip(result[:4], copy, strict=True):
+    for result, before in zip(results, copies, strict=True):
+        for a, b in zip(result[:4], before, strict=True):
             np.testing.assert_array_equal(a, b)
     first[:] = np.nan  # nor does it see what is done to that
     mask = np.array([True, False, False])
@@ -159,6 +176,12 @@ def test_gymnasiums_vector_wrappers_work_as_around_sync_vector_env():
          r"design scale 2 \(bottom leg 1 width\) is 9.0"),
         ({"lidar": "v4"}, "lidar is 'v4'"),
         ({"num_envs": 0}, "num_envs is 0"),
+        ({"num_envs": 2**70}, r"num_envs is .* to 2\*\*31 - 1"),
+        ({"num_envs": 2**31 - 1}, "no memory for 2147483647 environments"),
+        ({"threads": 1.5}, "threads is 1.5"),
+        ({"autoreset_mode": "Never"}, "must be one of NextStep, SameStep, Disabled"),
+        ({"max_episode_steps": 2**64 + 5}, r"max_episode_steps is .* to 2\*\*63 - 1"),
+        ({"max_episode_steps": 7.0}, "max_episode_steps is 7.0"),
         ({"threads": 0}, "threads is 0"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"max_episode_steps": None}, "max_episode_steps is None"),
@@ -180,8 +203,17 @@ def test_wrong_arguments_are_refused(kwargs, message):
         (None, {"reset_mask": np.zeros(3, dtype=bool)}, "reset_mask must be"),
         (None, {"reset_mask": [True, True, False]}, "reset_mask must be"),
         ([1, 2], None, "2 seeds for 3 environments"),
-        ([1, -2, 3], None, "environment 1: a seed must be"),
+        ([1, -2, 3], None, "environment 1: a seed is -2; it must be"),
         (0.5, None, "a seed must be"),
+        (2**64 - 2, None, r"environment 2: a seed is .* to 2\*\*64 - 1"),
+        (10**400, None, "environment 0: a seed is 1000"),
+        (np.zeros((3, 2), dtype=int), None, "environment 0: a seed is array"),
+        (np.ma.masked_array([1, 2, 3], mask=[0, 1, 0]), None, "environment 1: a seed is masked"),
+        ("123", None, "a seed must be"),
+        (None, {"design": [[[1, 2], 3]] * 3}, "8 numbers"),
+        (None, {"design": [[1] * 8, [1j] * 8, [1] * 8]}, "environment 1: .* 8 numbers"),
+        (None, {"design": np.ma.masked_array(np.ones(8), mask=True)}, "8 numbers"),
+        (None, {"design": [10**400] * 8}, "8 numbers"),
     ],
     ids=str,
 )
@@ -208,7 +240,10 @@ def test_wrong_actions_are_refused_and_change_nothing(env_id):
     for message, actions in wrong.items():
         with pytest.raises(InputError, match=message):
             env.step(actions)
-    for actions in (np.zeros(shape[1]), None, "left", np.full(shape, "a")):
+    masked = np.ma.masked_array(np.zeros(shape), mask=True)
+    huge, ragged = [[10**400] * shape[1]] * 3, [[0.0], [0.0, 0.0], []]
+    strange = (np.zeros(shape) + 1j, masked, huge, ragged, np.full(shape, "0"))
+    for actions in (np.zeros(shape[1]), None, "left", np.full(shape, "a"), *strange):
         with pytest.raises(InputError, match="actions must be"):
             env.step(actions)
     action = other.action_space.sample()
@@ -273,15 +308,30 @@ def test_sub_processes_pass_the_sentence_on():
 
 def test_numpys_numbers_are_seeds():
     assert difference(make().reset(seed=np.arange(4, 7)), make().reset(seed=4)) is None
-    assert difference(make().reset(seed=np.int64(4)), make().reset(seed=4)) is None
+    for seed in (np.int64(4), np.array(4)):
+        assert difference(make().reset(seed=seed), make().reset(seed=4)) is None
+    last = np.uint8(254)  # whose sums wrap around
+    env = make()
+    assert difference(env.reset(seed=last), make().reset(seed=254)) is None
+    assert env.np_random_seed == (254, 255, 256)
+    wrapped = EngineVecEnv(FLAT_ID, 3, seed=last)
+    assert difference(wrapped.reset(), env.reset(seed=254)[0]) is None
 
 
 def test_without_the_engine_the_error_names_the_other_way(monkeypatch):
     monkeypatch.setattr(engine, "_load", lambda: "the engine is not there")
     for env_id in IDS:
         with pytest.raises(InputError, match='^the engine is not there; vectorization_mode="sync"'):
-            make(env_id)
-        gymnasium.make_vec(env_id, 1, vectorization_mode="sync").close()
+            make(env_id, threads=1)
+        env = gymnasium.make_vec(
+            env_id, 1, "sync", vector_kwargs={"autoreset_mode": SAME_STEP}, design=None
+        )
+        assert env.autoreset_mode == SAME_STEP
+        env.close()
+        with pytest.raises(InputError, match="^the engine is not there; .*DummyVecEnv") as error:
+            EngineVecEnv(env_id, 2)
+        advice = re.search(r"DummyVecEnv\(.*\* 2\)", str(error.value))[0]
+        assert eval(advice).reset().shape[0] == 2
 
 
 def test_an_ant_of_other_bits_is_not_simulated(monkeypatch):
@@ -289,6 +339,243 @@ def test_an_ant_of_other_bits_is_not_simulated(monkeypatch):
     monkeypatch.setattr(ant, "GRAVITY", np.nextafter(9.8, 9))
     with pytest.raises(InputError, match='not the reference.s to the bit .*"sync"'):
         make(ANT_ID)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, SAME_STEP])
+def test_flat_infos_are_the_nested_ones(mode):
+    kwargs = {"max_episode_steps": 7, "autoreset_mode": mode}
+    nested, flat = run(make(**kwargs)), run(make(**kwargs, flat_info=True))
+    for (*one, one_info), (*other, other_info) in zip(nested, flat, strict=True):
+        assert difference(one, other) is None
+        for info in (one_info, one_info.get("final_info", {})):
+            info.pop("_reward_terms", None)
+            terms = info.pop("reward_terms", {}).items()
+            info |= {f"_reward{k}" if k[0] == "_" else f"reward_{k}": v for k, v in terms}
+        assert difference(one_info, other_info) is None
+    assert len(nested) == 31 and "reward_progress" in flat[1][-1]
+
+
+def test_it_says_what_it_is_as_sync_vector_env_does():
+    for env_id in IDS:
+        env = make(env_id, autoreset_mode="SameStep")
+        assert env.autoreset_mode == env.metadata["autoreset_mode"] == SAME_STEP
+        assert VectorEnv in type(env).__bases__  # some libraries look no further
+
+
+# -------------------------------------------------------------------- memory, threads, interrupts
+
+
+class Interrupting:
+    """The library, with a Ctrl-C while one of its functions runs."""
+
+    def __init__(self, name):
+        self.library, self.name, self.owners = stepper._library(), name, []
+
+    def __getattr__(self, name):
+        function = getattr(self.library, name)
+        if name != f"designrl_stepper_{self.name}":
+            return function
+
+        def interrupted(owner, *arguments):
+            function(owner, *arguments)
+            self.owners.append(owner._obj)
+            signal.raise_signal(signal.SIGINT)
+
+        return interrupted
+
+
+@pytest.mark.parametrize("env_id", [FLAT_ID, ANT_ID])
+def test_ctrl_c_while_it_closes_frees_once(env_id):
+    env = make(env_id, threads=2)
+    env.reset(seed=0)
+    env._stepper._library = library = Interrupting("free")
+    with pytest.raises(KeyboardInterrupt):
+        env.close()
+    env._stepper._library = library.library
+    env.close()
+    with pytest.raises(InputError, match="closed"):
+        env._stepper.get_states()
+    with pytest.raises(ClosedEnvironmentError):
+        env.step(env.action_space.sample())
+
+
+def test_ctrl_c_while_it_is_made_leaks_nothing(monkeypatch):
+    library = Interrupting("make")
+    with monkeypatch.context() as patch:
+        patch.setattr(stepper, "_library", lambda: library)
+        with pytest.raises(KeyboardInterrupt):
+            make(num_envs=3, threads=2)
+    (owner,) = library.owners
+    assert not owner  # it was made, and was freed
+
+
+@pytest.mark.parametrize("call", ["run", "states"])
+def test_ctrl_c_in_a_call_asks_for_a_reset(call):
+    env = make(threads=2)
+    env.reset(seed=0)
+    states = env.get_state()
+    env._stepper._library = Interrupting(call)
+    action = env.action_space.sample()
+    with pytest.raises(KeyboardInterrupt):
+        env.step(action) if call == "run" else env.set_state(states)
+    env._stepper._library = env._stepper._library.library
+    with pytest.raises(ResetNeeded):
+        env.step(action)
+    assert difference(run(env), run(make())) is None
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
+@pytest.mark.parametrize("env_id", [FLAT_ID, ANT_ID])
+def test_a_copy_is_an_environment_of_its_own_that_goes_on_alike(env_id, copied):
+    env = make(env_id, num_envs=5, max_episode_steps=20, autoreset_mode=SAME_STEP)
+    fresh = copied(env)
+    with pytest.raises(ResetNeeded):
+        fresh.step(env.action_space.sample())
+    assert difference(run(fresh), run(env)) is None
+    other = copied(env)
+    for action in random_actions(env, 25, 1):
+        expected = env.step(action)
+        assert difference(expected, other.step(action)) is None
+    assert difference(env.reset(), other.reset()) is None  # their random numbers, too
+    env.close()
+    other.step(action)
+    twin = copied(other._stepper)
+    other.close()
+    twin.step(np.zeros(env.action_space.shape))
+    twin.close()
+    with pytest.raises(InputError, match="closed"):
+        copied(twin)
+
+
+def test_two_threads_take_turns():
+    env, alone = (make(num_envs=9, threads=2) for _ in range(2))
+    for each in (env, alone):
+        each.reset(seed=0)
+    still = np.zeros(env.action_space.shape)
+
+    def work():
+        for _ in range(40):
+            env.step(still)
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for _ in range(120):
+        alone.step(still)
+    assert difference(env.step(still), alone.step(still)) is None
+
+
+def test_close_waits_for_the_step_of_another_thread():
+    for _ in range(10):
+        env, stepped, errors = make(num_envs=9, threads=2), threading.Event(), []
+        env.reset(seed=0)
+        still = np.zeros(env.action_space.shape)
+
+        def work(env=env, stepped=stepped, errors=errors, still=still):
+            try:
+                while True:
+                    env.step(still)
+                    stepped.set()
+            except ClosedEnvironmentError as error:
+                errors.append(error)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        stepped.wait()
+        env.close()
+        thread.join()
+        assert errors
+
+
+# ------------------------------------------------------------------------------- save and restore
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("env_id", IDS)
+def test_what_follows_a_restore_has_the_bits_of_what_followed_the_save(env_id, mode):
+    limit = None if mode == AutoresetMode.DISABLED else 45
+    kwargs = {"autoreset_mode": mode, **({"max_episode_steps": limit} if limit else {})}
+    size = make(env_id).design.shape[1]
+    designs = np.random.default_rng(1).uniform(0.75, 1.25, (5, size))
+    env = make(env_id, 5, design=designs, threads=2, **kwargs)
+    run(env, 37)  # touching the ground, and one step before some of them are reset
+    states = pickled(env.get_state())
+    actions = 0.3 * random_actions(env, 20, 1)
+
+    def follow(env):
+        found = []
+        for action in actions:
+            if mode == AutoresetMode.DISABLED and env._ended.any():
+                found.append(env.reset(options={"reset_mask": env._ended.copy()}))
+            found.append(env.step(action))
+        return [*found, [env.np_random_seed, env.design.tolist()]]
+
+    expected = follow(env)
+    assert difference(expected[:-1], follow(copy.copy(env))[:-1]) is not None
+    others = [make(env_id, 5, threads=threads, **kwargs) for threads in (1, 3)]
+    others[1].reset(seed=9)
+    for other in (env, *others):
+        other.set_state(states)
+        found = follow(other)
+        assert difference(expected[:-1], found[:-1]) is None
+        assert expected[-1] == found[-1]
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_one_state_has_many_futures_in_any_place_and_on_any_processor(env_id, monkeypatch):
+    env = make(env_id, 11)
+    run(env, 40)
+    state = env.get_state()[7]
+    actions = random_actions(env, 10, 2)[:, :1]
+    results = []
+    for isa in engine.instruction_sets():
+        monkeypatch.setenv(engine.ISA_VARIABLE, isa)
+        many = make(env_id, 40)
+        many.set_state([state] * 40)
+        steps = [many.step(np.repeat(action, 40, axis=0)) for action in actions]
+        results.append([each[:4] for each in steps])
+        for output in results[-1][-1]:
+            assert (output == output[0]).all()
+    for result in results:
+        assert difference(result, results[0]) is None
+    env.set_state([state] * 11)
+    steps = [env.step(np.repeat(action, 11, axis=0)) for action in actions]
+    np.testing.assert_array_equal(steps[-1][0][0], results[0][-1][0][0])
+
+
+def test_states_of_another_kind_are_refused_and_change_nothing():
+    env, other = make(), make()
+    with pytest.raises(ResetNeeded, match=r"get_state\(\) before reset"):
+        env.get_state()
+    for each in (env, other):
+        each.reset(seed=0)
+    hardcore, ants = make(HARDCORE_ID), make(ANT_ID)
+    for each in (hardcore, ants):
+        each.reset(seed=0)
+    (state, *rest) = env.get_state()
+    old, cut = (
+        [state._replace(engine=replace(state.engine, **change)), *rest]
+        for change in ({"code": "of long ago"}, {"data": b""})
+    )
+    for states, message in (
+        (hardcore.get_state(), "state 0 is not one of these"),
+        (ants.get_state(), "state 0 is not one of these"),
+        ([state, state], "2 states for 3"),
+        ([], "0 states for 3"),
+        (None, "what get_state"),
+        ([state, state, 1], "what get_state"),
+        (old, "another version"),
+        (cut, "another version"),
+    ):
+        with pytest.raises(InputError, match=message):
+            env.set_state(states)
+    action = env.action_space.sample()
+    assert difference(env.step(action), other.step(action)) is None
+    env.close()
+    with pytest.raises(ClosedEnvironmentError):
+        env.set_state([state] * 3)
 
 
 # ------------------------------------------------------------------------------ Stable-Baselines3
@@ -305,11 +592,8 @@ def test_stable_baselines3_gets_what_its_own_vec_env_gives(env_id):
     for actions in random_actions(ours.env, 60):
         expected, found = singles.step(actions), ours.step(actions)
         assert difference(expected[:3], found[:3]) is None
-        for one, other, ended in zip(expected[3], found[3], found[2], strict=True):
-            keys = ("terminal_observation", "TimeLimit.truncated") if ended else ()
-            assert set(other) == set(keys)
-            for key in keys:
-                assert np.array_equal(one[key], other[key])
+        for one, other in zip(expected[3], found[3], strict=True):
+            assert difference(arrays(one), arrays(other)) is None
     body = np.full(ours.env.design.shape[1], 1.2)
     for options in ([{"design": body}, {}, {}], {"design": None}):
         for env in (singles, ours):

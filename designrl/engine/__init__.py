@@ -13,7 +13,7 @@ import ctypes
 import os
 import threading
 from collections.abc import Callable
-from ctypes import c_char_p, c_double, c_int, c_int32, c_int64, c_uint32, c_void_p
+from ctypes import c_bool, c_char_p, c_double, c_int, c_int32, c_int64, c_uint32, c_void_p
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from designrl.errors import InputError
+from designrl.numeric import real_numbers, whole_number, whole_numbers
 
 ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # sse2, avx2 or avx512; by default the best there is
 INSTRUCTION_SETS = ("sse2", "avx2", "avx512")
@@ -86,8 +87,9 @@ _FUNCTIONS = {  # of native/api.cpp: result and arguments
     "engine_describe": (c_char_p, (c_char_p, c_void_p)),
     "engine_run": (c_int, (c_void_p, c_char_p, c_char_p, c_int)),
     "stepping_bytes": (c_int64, ()),
-    "stepper_make": (c_void_p, (c_char_p, c_char_p, c_int64, c_int)),
-    "stepper_run": (None, (c_void_p, c_void_p)),
+    "stepper_make": (None, (c_void_p, c_char_p, c_char_p, c_int64, c_int)),
+    "stepper_run": (c_bool, (c_void_p, c_void_p)),
+    "stepper_states": (c_int64, (c_void_p, c_void_p, c_bool)),
     "stepper_free": (None, (c_void_p,)),
     "policy_widest": (c_int32, ()),
     "policy_act": (None, (c_void_p, c_void_p, c_int32, c_int32, c_void_p, c_void_p, c_void_p)),
@@ -217,9 +219,12 @@ def rollout(
         )
     if time_scale is not None and not 0 < time_scale < float("inf"):
         raise InputError(f"time_scale is {time_scale}; it must be a finite number above 0")
-    seeds = np.asarray(seeds)
-    if seeds.ndim != 2 or seeds.dtype.kind not in "iu" or (seeds < 0).any():
-        raise InputError("seeds must be an (N, R) array of integers from 0 on")
+    try:
+        seeds = whole_numbers(seeds)
+    except ValueError:
+        seeds = np.empty(0)
+    if seeds.ndim != 2 or seeds.min(initial=0) < 0 or seeds.max(initial=0) >= 2**63:
+        raise InputError("seeds must be an (N, R) array of integers from 0 to 2**63 - 1")
     n, r = seeds.shape
     returns, steps = np.zeros((n, r)), np.zeros((n, r), dtype=np.int64)
     arrays = {
@@ -249,7 +254,8 @@ def rollout(
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
     batch.arrays = arrays  # which so live as long as what points to them
-    threads = max(1, min(threads or len(os.sched_getaffinity(0)), n * r))
+    threads = whole_number("threads", threads or len(os.sched_getaffinity(0)), 1)
+    threads = max(1, min(threads, n * r))
     _run(batch, task.name.encode(), instruction_set(isa).encode(), threads, progress)
     if (steps < 0).any():
         i, j = (int(k) for k in np.argwhere(steps < 0)[0])
@@ -315,8 +321,7 @@ def _find(task: Task) -> tuple[int, int, int, int, int]:
             f"the engine's {task.name} does not have the flag {unknown[0]!r}; it has "
             f"{', '.join(known) or 'none'}"
         )
-    if task.max_steps < 1:
-        raise InputError(f"an episode of {task.max_steps} steps is none")
+    whole_number("max_steps", task.max_steps, 1, 2**63 - 1)
     return *counts, sum(1 << i for i, flag in enumerate(known) if flag in task.flags)
 
 
@@ -336,8 +341,11 @@ def _weight_count(sizes: np.ndarray) -> int:
 
 def _checked(name: str, values: np.ndarray, dtype: type, shape: tuple[int, ...]) -> np.ndarray:
     """A contiguous array of finite numbers of that type and shape."""
-    with np.errstate(over="ignore"):  # of float32: found below
-        array = np.ascontiguousarray(values, dtype=dtype)
+    try:
+        with np.errstate(over="ignore"):  # of float32: found below
+            array = real_numbers(values).astype(dtype, copy=False)
+    except ValueError as error:
+        raise InputError(f"{name} must be an array of real numbers ({error})") from None
     if array.shape != shape:
         raise InputError(f"{name} must have shape {shape}, got {array.shape}")
     if not np.isfinite(array).all():

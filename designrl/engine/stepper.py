@@ -9,14 +9,17 @@ As `designrl.engine`, this module knows no task.
 
 import ctypes
 import os
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from designrl.engine import Task, _find, _library, _Stepping, instruction_set
 from designrl.errors import InputError
+from designrl.provenance import sources_hash
 
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # Gymnasium's autoreset modes
 _GO_ON, _START, _START_SEEDED = range(3)
@@ -30,6 +33,8 @@ class Steps(NamedTuple):
         rewards: (N,) float64.
         terminated, truncated: (N,) bool.
         terms: (T + 1, N) float64 of the rewards; the last is what the reward factors added.
+        final_observations: (N, O) float32, the last of the episodes that ended in this step; the
+            other rows have no meaning.
     """
 
     observations: np.ndarray
@@ -37,10 +42,32 @@ class Steps(NamedTuple):
     terminated: np.ndarray
     truncated: np.ndarray
     terms: np.ndarray
+    final_observations: np.ndarray
+
+
+@dataclass(frozen=True)
+class State:
+    """An environment between two steps: where its episode is, and its random numbers.
+
+    Attributes:
+        code: `designrl.provenance.sources_hash` of what wrote it.
+        task, flags: the task's.
+        design: (D,) scales.
+        data: the engine's own copy of it, 120 kB of a walker and 8 kB of an ant.
+    """
+
+    code: str
+    task: str
+    flags: tuple[str, ...]
+    design: np.ndarray
+    data: bytes
 
 
 class Stepper(AbstractContextManager):
     """N environments of a task.
+
+    Two threads may call it: one after the other has its turn. Copies, by `copy` or by pickle, are
+    environments of their own, which go on as these do.
 
     Args:
         task: with O observations, A actions, D dimensions of its body and T terms of its rewards.
@@ -54,14 +81,14 @@ class Stepper(AbstractContextManager):
     Attributes:
         count, observations, actions, dimensions, terms: N, O, A, D and T.
         designs: (N, D) scales, each as of its environment's last reset.
-        final_observations: (N, O), the last of each environment's latest episode that has ended.
 
     Raises:
-        InputError: the engine cannot run here, or does not have the task.
+        InputError: the engine cannot run here, or does not have the task; in any method: after
+            close(), or in a fork of the process that made it.
         MemoryError: 120 kB of a walker and 40 kB of an ant are not to be had so often.
     """
 
-    _stepper = None  # until it is made, and in a copy that could not be
+    _process = None  # until it is made
 
     def __init__(
         self,
@@ -72,33 +99,30 @@ class Stepper(AbstractContextManager):
         threads: int | None = None,
         isa: str | None = None,
     ):
-        self._process = os.getpid()
-        library = _library()
-        *counts, flags = _find(task)
+        self._library = library = _library()
+        *counts, self._flags = _find(task)
+        self._made_with = task, count, autoreset, reward_factor, threads, isa
         self.count = count
         self.observations, self.actions, self.dimensions, self.terms = counts
         self.designs = np.ones((count, self.dimensions))
-        self.final_observations = np.zeros((count, self.observations), dtype=np.float32)
-        self._reward_factor = reward_factor
-        self._factors = np.ones(count)
-        self._failed = np.zeros(count, dtype=bool)
-        self._fields = _Stepping(
-            environments=count,
-            flags=flags,
-            autoreset=autoreset,
-            max_steps=task.max_steps,
-            designs=self.designs.ctypes.data,
-            reward_factors=self._factors.ctypes.data if reward_factor else None,
-            final_observations=self.final_observations.ctypes.data,
-            failed=self._failed.ctypes.data,
-        )
+        self._factors = np.ones(count) if reward_factor else None
         threads = max(1, min(threads or len(os.sched_getaffinity(0)), count))
         isa = instruction_set(isa).encode()
-        self._free = library.designrl_stepper_free
-        self._call = library.designrl_stepper_run
-        self._stepper = library.designrl_stepper_make(task.name.encode(), isa, count, threads)
-        if not self._stepper:
+        self._turn = threading.RLock()
+        self._owner = ctypes.c_void_p()  # the library's own; it puts them there, and takes them out
+        self._process = os.getpid()
+        library.designrl_stepper_make(
+            ctypes.byref(self._owner), task.name.encode(), isa, count, threads
+        )
+        if not self._owner:
             raise MemoryError(f"there is no memory for {count} environments")
+
+    @property
+    def turn(self) -> AbstractContextManager:
+        """The lock that a call holds; `with stepper.turn:` keeps others out for longer."""
+        if os.getpid() != self._process:  # a fork has not its threads
+            raise InputError("these environments are another process's; make them in this one")
+        return self._turn
 
     def reset(
         self,
@@ -123,15 +147,10 @@ class Stepper(AbstractContextManager):
         starts = np.where([seed is None for seed in seeds], _START, _START_SEEDED)
         starts = np.where(mask, starts, _GO_ON).astype(np.uint8)
         words = np.array([seed or 0 for seed in seeds], dtype=np.uint64)
-        self.designs[mask] = designs[mask]
-        if self._reward_factor:
-            self._factors[mask] = self._reward_factor(self.designs[mask])
         observations = np.empty((self.count, self.observations), dtype=np.float32)
-        fields = self._fields
-        fields.actions = None
-        fields.starts, fields.seeds = starts.ctypes.data, words.ctypes.data
-        fields.observations = observations.ctypes.data
-        self._run()
+        with self.turn:
+            self._take_designs(np.where(mask[:, None], designs, self.designs))
+            self._run(starts=starts, seeds=words, observations=observations)
         return observations
 
     def step(self, actions: np.ndarray) -> Steps:
@@ -144,40 +163,113 @@ class Stepper(AbstractContextManager):
             InputError: an episode beyond the engine's capacities (it is never simulated
                 differently instead).
         """
-        n, fields = self.count, self._fields
+        n = self.count
         steps = Steps(
             np.empty((n, self.observations), dtype=np.float32),
             np.zeros(n),
             np.zeros(n, dtype=bool),
             np.zeros(n, dtype=bool),
             np.zeros((self.terms + 1, n)),
+            np.empty((n, self.observations), dtype=np.float32),
         )
-        fields.actions = actions.ctypes.data
-        fields.observations, fields.rewards = steps[0].ctypes.data, steps[1].ctypes.data
-        fields.terminated, fields.truncated = steps[2].ctypes.data, steps[3].ctypes.data
-        fields.terms = steps[4].ctypes.data
-        self._run()
+        with self.turn:
+            self._run(actions=actions, **steps._asdict())
         return steps
 
-    def _run(self) -> None:
-        if os.getpid() != self._process:  # a fork has not its threads
-            raise InputError("these environments are another process's; make them in this one")
-        self._call(self._stepper, ctypes.byref(self._fields))
-        if self._failed.any():
-            index = int(np.argmax(self._failed))
-            self._failed[:] = False
+    def get_states(self) -> list[State]:
+        """The N environments' states, to go on from with `set_states`, as often as wanted.
+
+        Nothing but what `reset` and `step` are given makes what follows differ: not the number of
+        threads, not the instruction set, not the place among the N.
+        """
+        with self.turn:
+            data = np.empty((self.count, self._state_bytes()), dtype=np.uint8)
+            self._library.designrl_stepper_states(
+                ctypes.byref(self._owner), data.ctypes.data, False
+            )
+            about, designs = self._about, self.designs.copy()
+        return [State(*about, *each) for each in zip(designs, map(bytes, data), strict=True)]
+
+    def set_states(self, states: Sequence[State]) -> None:
+        """Go on from these N states, which may come from another stepper of the same task.
+
+        Their bytes are believed, as a pickle's are: take none from a stranger.
+
+        Raises:
+            InputError: another number of them, or of another task or version of this package.
+        """
+        if len(states) != self.count:
+            raise InputError(f"there are {len(states)} states for {self.count} environments")
+        with self.turn:
+            size = self._state_bytes()
+            for i, state in enumerate(states):
+                code, *about = self._about
+                if not isinstance(state, State) or [state.task, state.flags] != about:
+                    raise InputError(f"state {i} is not one of these environments' kind")
+                if (state.code, len(state.data)) != (code, size):
+                    raise InputError(f"state {i} was saved by another version of designrl")
+            data = np.frombuffer(b"".join(state.data for state in states), dtype=np.uint8)
+            self._take_designs(np.array([state.design for state in states]))
+            self._library.designrl_stepper_states(ctypes.byref(self._owner), data.ctypes.data, True)
+
+    @property
+    def _about(self) -> tuple:
+        task = self._made_with[0]
+        return sources_hash(), task.name, task.flags
+
+    def _state_bytes(self) -> int:
+        size = self._library.designrl_stepper_states(ctypes.byref(self._owner), None, False)
+        return size or self._refuse()
+
+    def _take_designs(self, designs: np.ndarray) -> None:
+        # New arrays: a call that is under way may read the old ones.
+        factor = self._made_with[3]
+        self.designs, self._factors = designs, factor(designs) if factor else None
+
+    def _run(self, **arrays: np.ndarray) -> None:
+        """The library's call; arrays are its fields."""
+        task, count, autoreset, *_ = self._made_with
+        failed = np.zeros(count, dtype=bool)
+        arrays |= {"designs": self.designs, "failed": failed}
+        if self._factors is not None:
+            arrays["reward_factors"] = self._factors
+        stepping = _Stepping(
+            environments=count,
+            flags=self._flags,
+            autoreset=autoreset,
+            max_steps=task.max_steps,
+            **{name: array.ctypes.data for name, array in arrays.items()},
+        )
+        if not self._library.designrl_stepper_run(
+            ctypes.byref(self._owner), ctypes.byref(stepping)
+        ):
+            self._refuse()
+        if failed.any():
             raise InputError(
-                f"the episode of environment {index} has more contacts than the engine holds; "
-                "reset all environments, or step the reference"
+                f"the episode of environment {np.argmax(failed)} has more contacts than the engine "
+                "holds; reset all environments, or step the reference"
             )
 
+    @staticmethod
+    def _refuse():
+        raise InputError("these environments are closed; make new ones")
+
     def close(self) -> None:
-        """Free the environments; they are not to be used any more."""
-        if self._stepper and os.getpid() == self._process:
-            self._free(self._stepper)
-        self._stepper = None
+        """Free the environments, after a call that is under way; no call follows."""
+        if self._process == os.getpid():
+            with self._turn:
+                self._library.designrl_stepper_free(ctypes.byref(self._owner))
 
     __del__ = close
 
     def __exit__(self, *exc_info):
         self.close()
+
+    def __reduce__(self):
+        return _restored, (self._made_with, self.get_states())
+
+
+def _restored(made_with: tuple, states: list[State]) -> Stepper:
+    stepper = Stepper(*made_with)
+    stepper.set_states(states)
+    return stepper

@@ -8,6 +8,7 @@
 Not imported with the package. `VecMonitor` around it records returns, `VecNormalize` normalises.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -15,21 +16,24 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from designrl.envs import engine_reason
 from designrl.envs.inputs import checked_options
 from designrl.errors import InputError
+from designrl.numeric import whole_number
 
 
 class EngineVecEnv(VecEnv):
     """N environments of one kind, side by side in the compiled engine.
 
-    Episodes begin anew as Stable-Baselines3 has it, in the step in which the one before ends;
-    `infos[i]` then has "terminal_observation" and "TimeLimit.truncated", and is empty otherwise.
+    Outputs have the bits of `DummyVecEnv` over single environments. Episodes begin anew as
+    Stable-Baselines3 has it, in the step in which the one before ends. `infos[i]` has
+    "reward_terms" and "TimeLimit.truncated", and then "terminal_observation".
 
     Args:
         env_id: a designrl environment.
         num_envs: N.
         seed: of the first reset; environment i gets seed + i. `seed()` sets another.
-        kwargs: further ones of `gymnasium.make_vec`: design, lidar, threads, ...
+        kwargs: further ones of `gymnasium.make_vec`: design, lidar, threads, flat_info, ...
 
     Attributes:
         env: the `designrl.envs.vector.EngineVectorEnv`.
@@ -39,6 +43,11 @@ class EngineVecEnv(VecEnv):
     """
 
     def __init__(self, env_id: str, num_envs: int, seed: int | None = None, **kwargs):
+        if reason := engine_reason(env_id):
+            raise InputError(
+                f"{reason}; stable_baselines3's DummyVecEnv([lambda: gymnasium.make({env_id!r})] * "
+                f"{num_envs}) runs single ones, with the same results"
+            )
         self.env = gymnasium.make_vec(
             env_id,
             num_envs,
@@ -72,13 +81,32 @@ class EngineVecEnv(VecEnv):
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         ended = terminated | truncated
-        infos = [{} for _ in range(self.num_envs)]
+        infos = self._terms(info, ended)
+        for each, cut in zip(infos, (truncated & ~terminated).tolist(), strict=True):
+            each["TimeLimit.truncated"] = cut
         for i in np.flatnonzero(ended):
-            infos[i] = {
-                "terminal_observation": info["final_obs"][i],
-                "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
-            }
+            infos[i]["terminal_observation"] = info["final_obs"][i]
         return observations, rewards.astype(np.float32), ended, infos
+
+    def _terms(self, info: dict, ended: np.ndarray) -> list[dict[str, Any]]:
+        """Each environment's info with its reward terms."""
+        flat, names = self.env.flat_info, self.env.reward_terms
+        found = info, info.get("final_info", {})
+        if flat:
+            names = [f"reward_{name}" for name in names]
+        else:
+            found = (each.get("reward_terms", {}) for each in found)
+        live, final = found
+        none = np.zeros(self.num_envs)
+        columns = [
+            np.where(ended, final.get(name, none), live.get(name, none)).tolist() for name in names
+        ]
+        rows = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        return rows if flat else [{"reward_terms": row} for row in rows]
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """The seeds of the next reset, from this one on; None: from a random one."""
+        return super().seed(None if seed is None else whole_number("seed", seed, 0))
 
     def close(self) -> None:
         self.env.close()

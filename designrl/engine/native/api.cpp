@@ -9,6 +9,7 @@
 #include <memory>
 #include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "common/batch.h"
@@ -107,6 +108,12 @@ class Stepper {
         task_.step_group(stepping, groups_[g].memory.get(), groups_[g].first, groups_[g].count);
     });
   }
+  int64_t state_bytes() const { return task_.state_bytes(); }
+  void copy_states(char* states, bool restore) {
+    for (const Group& group : groups_)
+      task_.copy_states(group.memory.get(), group.count, states + group.first * state_bytes(),
+                        restore);
+  }
 
  private:
   struct Group {
@@ -174,20 +181,33 @@ int designrl_engine_run(Batch* batch, const char* name, const char* isa, int thr
   return batch->finished == episodes || batch->stop ? 0 : 2;
 }
 
-// Environments that the caller steps; null if there was no memory. The task and the instruction set
-// must be there.
+// Environments that the caller steps. `owner` is the one place that holds them, null before and
+// after: an interrupt between two calls finds them there, or finds nothing. One call at a time.
 int64_t designrl_stepping_bytes() { return sizeof(Stepping); }
-void* designrl_stepper_make(const char* name, const char* isa, int64_t environments, int threads) {
+// The task and the instruction set must be there; the owner stays null if there is no memory.
+void designrl_stepper_make(void** owner, const char* name, const char* isa, int64_t environments,
+                           int threads) {
   const TaskEntry* task = find_task(find_variant(isa), name);
   try {
     auto stepper = std::make_unique<Stepper>(*task, environments, threads);
-    return stepper->complete() ? stepper.release() : nullptr;
+    if (stepper->complete()) *owner = stepper.release();
   } catch (const std::bad_alloc&) {
-    return nullptr;
   }
 }
-void designrl_stepper_run(void* stepper, const Stepping* stepping) {
-  static_cast<Stepper*>(stepper)->run(*stepping);
+// False: they are gone.
+bool designrl_stepper_run(void** owner, const Stepping* stepping) {
+  if (*owner) static_cast<Stepper*>(*owner)->run(*stepping);
+  return *owner;
 }
-void designrl_stepper_free(void* stepper) { delete static_cast<Stepper*>(stepper); }
+// Bytes of one environment's state, 0 if they are gone; and copies (environments, bytes) out of
+// them, or into them, if there are any.
+int64_t designrl_stepper_states(void** owner, char* states, bool restore) {
+  if (!*owner) return 0;
+  Stepper& stepper = *static_cast<Stepper*>(*owner);
+  if (states) stepper.copy_states(states, restore);
+  return stepper.state_bytes();
+}
+void designrl_stepper_free(void** owner) {
+  delete static_cast<Stepper*>(std::exchange(*owner, nullptr));
+}
 }

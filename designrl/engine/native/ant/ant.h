@@ -183,6 +183,14 @@ class Ant {
   }
   bool failed() const { return failed_; }
 
+  static constexpr size_t kLaneBytes = sizeof(WorldState) / kDoubles;
+  void save_lane(const Lanes& lanes, char* to) const { lanes.save(lane_, to); }
+  void restore_lane(Lanes& lanes, int lane, const char* from) {
+    lane_ = lane;
+    has_lane_ = true;
+    lanes.restore(lane_, from);
+  }
+
  private:
   Body<double> body_;
   double start_angles_[kJoints];

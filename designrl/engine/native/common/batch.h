@@ -65,4 +65,8 @@ struct TaskEntry {
   int32_t held;
   size_t (*group_bytes)(int count);
   void (*step_group)(const Stepping&, void* memory, int64_t first, int count);
+  // Copies what a group's environments go on from: (count, state_bytes()), the same for every
+  // instruction set and place in a group. restore: into the group, else out of it.
+  size_t (*state_bytes)();
+  void (*copy_states)(void* memory, int count, char* states, bool restore);
 };

@@ -25,6 +25,8 @@
 //                                        the i-th in lane kLanes + i
 //   finish_step(flags, outcome)          the rest of the step: observation, reward and its terms
 //   failed()                             a capacity was exceeded, the episode is void
+//   kLaneBytes, save_lane(solver, to),   what of the task is in the solver between two steps, and
+//   restore_lane(solver, lane, from)     copies of it; `lane` is the one that it takes from then on
 //
 // It begins as zero bytes, no constructor is called.
 //

@@ -47,6 +47,17 @@ class Environment {
     if (ended_) write_observation(all.final_observations, i);
   }
 
+  // All that the coming steps depend on; Task::kLaneBytes of it are in the solver.
+  static size_t state_bytes() { return sizeof(Environment) + Task::kLaneBytes; }
+  void save(const typename Task::Solver& solver, char* to) const {
+    std::memcpy(to, static_cast<const void*>(this), sizeof *this);
+    task.save_lane(solver, to + sizeof *this);
+  }
+  void restore(typename Task::Solver& solver, int lane, const char* from) {
+    std::memcpy(static_cast<void*>(this), from, sizeof *this);
+    task.restore_lane(solver, lane, from + sizeof *this);
+  }
+
   void write_observation(float* observations, int64_t i) const {
     std::memcpy(observations + Task::kObservations * i, outcome_.observation,
                 Task::kObservations * sizeof(float));
@@ -101,6 +112,16 @@ void step_group(const Stepping& all, void* memory, int64_t first, int count) {
     group.environments[e].write_observation(all.observations, first + e);
 }
 
+// TaskEntry::copy_states.
+template <class Task>
+void copy_states(void* memory, int count, char* states, bool restore) {
+  Group<Task>& group = *static_cast<Group<Task>*>(memory);
+  for (int e = 0; e < count; ++e, states += Environment<Task>::state_bytes()) {
+    if (restore) group.environments[e].restore(group.solver, e, states);
+    else group.environments[e].save(group.solver, states);
+  }
+}
+
 // A task's entry. flags: the names of its bits, separated by spaces.
 template <class Task>
 constexpr TaskEntry task_entry(const char* name, const char* flags) {
@@ -114,7 +135,9 @@ constexpr TaskEntry task_entry(const char* name, const char* flags) {
           run_episodes<Task>,
           Task::kLanes,
           group_bytes<Task>,
-          step_group<Task>};
+          step_group<Task>,
+          Environment<Task>::state_bytes,
+          copy_states<Task>};
 }
 
 }  // namespace ENGINE

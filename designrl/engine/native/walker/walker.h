@@ -84,6 +84,10 @@ class Walker {
   }
   bool failed() const { return world_.overflow; }
 
+  static constexpr size_t kLaneBytes = 0;
+  void save_lane(const Solver&, char*) const {}
+  void restore_lane(Solver&, int, const char*) {}
+
  private:
   World world_;
   Step step_;

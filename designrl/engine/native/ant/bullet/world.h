@@ -2,11 +2,14 @@
 // floor.
 #pragma once
 
+#include <cstring>
+
 #include "ant/bullet/constraint_solver.h"
 
 namespace ENGINE::ant {
 
-struct World {
+// What a step leaves to the next one: vectors, nothing else.
+struct WorldState {
   Body<Double> body;
   State state;
   Double torque[kJoints];  // N m, of the coming step
@@ -16,6 +19,25 @@ struct World {
   Vector shown_origin[kLegs][kLegParts];
   Matrix shown_torso;
 
+  // One lane's numbers.
+  void save(int l, char* to) const {
+    const Double* vectors = reinterpret_cast<const Double*>(this);
+    for (size_t i = 0; i < sizeof *this / sizeof *vectors; ++i) {
+      const double number = vectors[i][l];
+      std::memcpy(to + i * sizeof number, &number, sizeof number);
+    }
+  }
+  void restore(int l, const char* from) {
+    Double* vectors = reinterpret_cast<Double*>(this);
+    for (size_t i = 0; i < sizeof *this / sizeof *vectors; ++i) {
+      double number;
+      std::memcpy(&number, from + i * sizeof number, sizeof number);
+      vectors[i][l] = number;
+    }
+  }
+};
+
+struct World : WorldState {
   // Puts an ant into a lane: level and at rest, with joints at these angles, (kJoints,) rad.
   void place(int l, const Body<double>& one, const double* angles) {
     set_lane(body, l, one);
