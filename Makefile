@@ -117,7 +117,7 @@ verify-engine: $(READY)
 SANITIZED := build/sanitized/lib
 SANITIZED_EPISODES := 300
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined
-WATCHED := ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so)" \
+WATCHED := ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so)" \
   PYTHONPATH=. $(CURDIR)/$(BIN)/python -m
 sanitize-engine: $(READY)
 	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)

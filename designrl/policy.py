@@ -175,9 +175,12 @@ class Agent:
         Sums run over the inputs in order, in float32; see the module's text for why.
 
         Raises:
-            InputError: an observation of another environment.
+            InputError: an observation of another environment, or of no real numbers.
         """
-        x = np.asarray(observation, dtype=np.float32)
+        try:
+            x = real_numbers(observation).astype(np.float32)
+        except ValueError as error:
+            raise InputError(f"an observation must be real numbers ({error})") from None
         if x.shape != (self._observations,):
             raise InputError(
                 f"the observation has shape {x.shape}, this agent takes ({self._observations},); "

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from designrl.errors import InputError
+from designrl.numeric import real_numbers
 from designrl.settings import PLAIN, PUBLISHED, ReinforceSettings
 
 __all__ = ["PLAIN", "PUBLISHED", "Reinforce", "ReinforceSettings"]
@@ -130,7 +131,10 @@ class Reinforce:
         Raises:
             InputError: not N finite numbers, or μ or σ have grown out of all bounds.
         """
-        returns = torch.as_tensor(np.asarray(returns), dtype=torch.float64)
+        try:
+            returns = torch.as_tensor(real_numbers(returns))
+        except ValueError:
+            returns = torch.empty(0)
         if returns.shape != (self.population,) or not torch.isfinite(returns).all():
             raise InputError(f"tell() needs {self.population} finite returns")
         w, s = self.ask(), self.settings

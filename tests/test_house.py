@@ -8,6 +8,7 @@ import designrl
 PACKAGE = Path(designrl.__file__).parent
 FLOORS = (  # from the ground up; the rooms of a package stand on its floor
     "errors",
+    "numeric",
     "files",
     "provenance",
     "design",

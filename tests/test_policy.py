@@ -104,6 +104,9 @@ def test_wrong_parameters_are_refused():
     bad[17] = np.inf
     with pytest.raises(InputError, match="parameter 17"):
         Agent(get_experiment("biped"), bad)
+    for strange in (bad + 1j, np.ma.masked_invalid(bad), [10**400] * 2804, [[1], [2, 3]]):
+        with pytest.raises(InputError, match="parameters must be real numbers"):
+            Agent(get_experiment("biped"), strange)
 
 
 def test_a_network_of_another_experiment_is_refused():
@@ -125,3 +128,9 @@ def test_an_observation_of_another_environment_is_refused():
         agent.reset(0)
         with pytest.raises(InputError, match=rf"shape \({wrong},\)"):
             agent.act(np.zeros(wrong))
+        for strange in (np.zeros(24) + 1j, [[1], [2, 3]]):
+            with pytest.raises(InputError, match="an observation must be real numbers"):
+                agent.act(strange)
+        for seed in (1.5, np.array([3])):
+            with pytest.raises(InputError, match="the seed is .* whole number"):
+                agent.start(None, seed)

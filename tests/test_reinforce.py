@@ -145,8 +145,10 @@ def test_wrong_input_is_refused():
     optimiser = Reinforce(3, population=4)
     with pytest.raises(InputError, match="4 finite returns"):
         optimiser.tell([1.0, 2.0, 3.0, float("nan")])
-    with pytest.raises(InputError, match="4 finite returns"):
-        optimiser.tell([1.0, 2.0])
+    masked = np.ma.masked_array([1.0, 2, 3, 4], mask=[0, 0, 0, 1])
+    for returns in ([1.0, 2.0], [1j] * 4, masked, [[1], [2, 3]], [10**400] * 4):
+        with pytest.raises(InputError, match="4 finite returns"):
+            optimiser.tell(returns)
     with pytest.raises(InputError, match="no longer finite after generation 0"):
         Reinforce(3, 4, settings=ReinforceSettings(sigma_start=1e200, ranks=False)).tell(
             [1, 2, 3, 4]

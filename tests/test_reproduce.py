@@ -641,6 +641,13 @@ def test_ppo_writes_a_curve_that_the_figure_reads(project):
     assert steps.tolist() == [0, 256] and np.isfinite(means).all()
     assert file_hash(body) in out.read_text()
     transfer.figures()
+    missing = "import designrl.engine as e; e._load = lambda: 'the engine is not there'; "
+    missing += "import runpy, sys; del sys.argv[0]; runpy.run_path(sys.argv[0], None, '__main__')"
+    slow = project / "slow.csv"
+    without = [sys.executable, "-c", missing, *command[1:-1], slow]
+    found = subprocess.run(without, check=True, capture_output=True, text=True, timeout=300)
+    assert "the engine is not there; stepping single environments" in found.stderr
+    assert slow.read_text().splitlines()[1:] == out.read_text().splitlines()[1:]
     for change in ({body: out}, {body: pretrain(project, "ant")}, {out: project}):
         changed = [change.get(word, word) for word in command]
         wrong = subprocess.run(changed, capture_output=True, text=True, timeout=300)

@@ -52,8 +52,8 @@ class EpisodeState:
 class HasDesign(EzPickle):
     """An environment with a `body`, in a design that is checked whenever it is set.
 
-    An environment defines `_start_episode()`, which begins an episode in its `design` with its `np_random`
-    and returns an observation, and `_advance(action)`, a step.
+    An environment defines `_start_episode()`, which begins an episode in its `design` with its
+    `np_random` and returns an observation, and `_advance(action)`, a step.
 
     The design is the first argument of `EzPickle.__init__`, which comes before it is set; the
     render mode is the last.
@@ -80,10 +80,10 @@ class HasDesign(EzPickle):
         """One of the body's time steps; the reward is float64 whatever the action's type.
 
         Raises:
-            InputError: an action that is not as many finite numbers as there are joints.
+            InputError: an action that is not a finite number for each joint.
             gymnasium.error.ResetNeeded: there is no episode.
         """
-        action = checked_action(action, len(self.body.joints))
+        action = checked_action(action, *self.action_space.shape)
         if self._episode is None:
             raise ResetNeeded("step() before reset()")
         (*start, actions, _), self._episode = self._episode, None
@@ -128,7 +128,7 @@ class HasDesign(EzPickle):
             self.design = scales
             self._np_random, self._np_random_seed = start, state.seed
             self._begin()
-            for action in np.frombuffer(state.actions).reshape(-1, len(self.body.joints)):
+            for action in np.frombuffer(state.actions).reshape(-1, *self.action_space.shape):
                 HasDesign.step(self, action)
             same = self._episode[-1] == state.observation
         except BaseException:
