@@ -23,8 +23,8 @@ import numpy as np
 
 from designrl.errors import InputError
 
-ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # sse2, avx2 or avx512; by default the best there is
-INSTRUCTION_SETS = ("sse2", "avx2", "avx512")
+ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # one of these; by default the best there is
+INSTRUCTION_SETS = ("portable", "sse2", "avx2", "avx512")
 _POLL_SECONDS = 0.1
 
 
@@ -100,10 +100,7 @@ def _load() -> ctypes.CDLL | str:
     paths = [Path(__file__).with_name(f"_native{suffix}") for suffix in EXTENSION_SUFFIXES]
     path = next(filter(Path.exists, paths), None)
     if path is None:
-        return (
-            "the compiled engine is missing (it is built by `pip install .` with a C++ compiler, "
-            "on Linux x86-64)"
-        )
+        return "the compiled engine is missing (it is built by `pip install .` with a C++ compiler)"
     try:
         library = ctypes.CDLL(str(path))
         for name, (result, arguments) in _FUNCTIONS.items():

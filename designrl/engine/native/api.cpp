@@ -1,5 +1,5 @@
 // The library's interface, plain C for ctypes: picks the task and the instruction set and runs the
-// threads. Compiled for the baseline, so that it runs on any x86-64.
+// threads. Compiled for the baseline, so that on x86-64 it runs on any.
 #include <sys/mman.h>
 
 #include <atomic>
@@ -15,6 +15,11 @@
 #include "common/policy.h"
 #include "crew.h"
 
+namespace engine_portable {
+namespace walker { extern const TaskEntry kTask; }
+namespace ant { extern const TaskEntry kTask; }
+}
+#ifdef ENGINE_ALL_KINDS
 namespace engine_sse2 {
 namespace walker { extern const TaskEntry kTask; }
 namespace ant { extern const TaskEntry kTask; }
@@ -27,6 +32,7 @@ namespace engine_avx512 {
 namespace walker { extern const TaskEntry kTask; }
 namespace ant { extern const TaskEntry kTask; }
 }
+#endif
 
 namespace {
 
@@ -37,6 +43,7 @@ struct Variant {
 };
 
 const Variant kVariants[] = {  // the best first
+#ifdef ENGINE_ALL_KINDS
     {"avx512",
      [] { return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
                  __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"); },
@@ -45,6 +52,9 @@ const Variant kVariants[] = {  // the best first
      [] { return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"); },
      {&engine_avx2::walker::kTask, &engine_avx2::ant::kTask}},
     {"sse2", [] { return true; }, {&engine_sse2::walker::kTask, &engine_sse2::ant::kTask}},
+#endif
+    {"portable", [] { return true; },
+     {&engine_portable::walker::kTask, &engine_portable::ant::kTask}},
 };
 
 const Variant* find_variant(const char* name) {
@@ -70,7 +80,9 @@ void* allocate(size_t bytes) {
   bytes = (bytes + alignment - 1) / alignment * alignment;
   void* memory = std::aligned_alloc(alignment, bytes);
   if (!memory) return nullptr;
+#ifdef MADV_HUGEPAGE
   if (alignment == kHugePage) madvise(memory, bytes, MADV_HUGEPAGE);  // refused: nothing is lost
+#endif
   return std::memset(memory, 0, bytes);
 }
 

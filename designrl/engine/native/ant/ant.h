@@ -34,8 +34,8 @@ constexpr char kFlagNames[] = "";
 
 // Python calls them one by one. Inlined, GCC would make one sincos of two calls for the same angle,
 // and nobody promises that it has their bits.
-__attribute__((noinline)) inline double sine(double a) { return std::sin(a); }
-__attribute__((noinline)) inline double cosine(double a) { return std::cos(a); }
+__attribute__((noinline)) inline double sine(double a) { return sin(a); }
+__attribute__((noinline)) inline double cosine(double a) { return cos(a); }
 
 // math.hypot, which differs from the C library's: with the rounding errors of the squares and of
 // their sum (Dekker 1971), the root is corrected to the nearest number.
@@ -48,7 +48,7 @@ inline double hypotenuse(double x, double y) {
   const double xx = x * x, yy = y * y, sum = xx + yy;
   const double more = xx > yy ? xx : yy, less = xx > yy ? yy : xx;
   const double error = ((more - sum) + less) + (square_error(x, xx) + square_error(y, yy));
-  const double root = std::sqrt(sum), square = root * root;
+  const double root = sqrt(sum), square = root * root;
   return root + (((sum - square) - square_error(root, square)) + error) / (2.0 * root);
 }
 
@@ -59,7 +59,7 @@ inline void get_rotation(const Mat3<double>& m, double* q) {
                           {m.row[2].x, m.row[2].y, m.row[2].z}};
   const double trace = e[0][0] + e[1][1] + e[2][2];
   if (trace > 0.0) {
-    const double root = std::sqrt(trace + 1.0), s = 0.5 / root;
+    const double root = sqrt(trace + 1.0), s = 0.5 / root;
     q[3] = root * 0.5;
     q[0] = (e[2][1] - e[1][2]) * s;
     q[1] = (e[0][2] - e[2][0]) * s;
@@ -67,7 +67,7 @@ inline void get_rotation(const Mat3<double>& m, double* q) {
   } else {
     const int i = e[0][0] < e[1][1] ? (e[1][1] < e[2][2] ? 2 : 1) : (e[0][0] < e[2][2] ? 2 : 0);
     const int j = (i + 1) % 3, k = (i + 2) % 3;
-    const double root = std::sqrt(e[i][i] - e[j][j] - e[k][k] + 1.0), s = 0.5 / root;
+    const double root = sqrt(e[i][i] - e[j][j] - e[k][k] + 1.0), s = 0.5 / root;
     q[i] = root * 0.5;
     q[3] = (e[k][j] - e[j][k]) * s;
     q[j] = (e[j][i] + e[i][j]) * s;
@@ -82,10 +82,10 @@ struct Euler {
 inline Euler euler(const double* q) {
   const double xx = q[0] * q[0], yy = q[1] * q[1], zz = q[2] * q[2], ww = q[3] * q[3];
   const double sine = -2 * (q[0] * q[2] - q[3] * q[1]);
-  if (sine <= -0.99999) return {0.0, -0.5 * kPi, 2 * std::atan2(q[0], -q[1])};
-  if (sine >= 0.99999) return {0.0, 0.5 * kPi, 2 * std::atan2(-q[0], q[1])};
-  return {std::atan2(2 * (q[1] * q[2] + q[3] * q[0]), ww - xx - yy + zz), std::asin(sine),
-          std::atan2(2 * (q[0] * q[1] + q[3] * q[2]), ww + xx - yy - zz)};
+  if (sine <= -0.99999) return {0.0, -0.5 * kPi, 2 * atan2(q[0], -q[1])};
+  if (sine >= 0.99999) return {0.0, 0.5 * kPi, 2 * atan2(-q[0], q[1])};
+  return {atan2(2 * (q[1] * q[2] + q[3] * q[0]), ww - xx - yy + zz), asin(sine),
+          atan2(2 * (q[0] * q[1] + q[3] * q[2]), ww + xx - yy - zz)};
 }
 
 struct Lanes : World {
@@ -120,7 +120,7 @@ class Ant {
     if (starts_) return;
     for (int j = 0; j < kJoints; ++j) {
       action_[j] = action[j];
-      if (!std::isfinite(action_[j])) {  // the environment refuses it
+      if (!__builtin_isfinite(action_[j])) {  // the environment refuses it
         failed_ = true;
         action_[j] = 0.0;
       }
@@ -165,7 +165,7 @@ class Ant {
 
     double power = 0.0, effort = 0.0;
     for (int j = 0; j < kJoints; ++j) {
-      power += std::fabs(action_[j] * speed_[j]);
+      power += fabs(action_[j] * speed_[j]);
       effort += action_[j] * action_[j];
     }
     const bool alive = height_ > kFallenHeight;
@@ -237,7 +237,7 @@ class Ant {
     }
     const double ahead = kTargetX - x / kLinks, aside = y / kLinks;
     distance_ = hypotenuse(ahead, aside);
-    const double angle = std::atan2(-aside, ahead) - turned.yaw;
+    const double angle = atan2(-aside, ahead) - turned.yaw;
     const double c = cosine(turned.yaw), s = sine(turned.yaw);
     const double vx = velocity_[0], vy = velocity_[1], vz = velocity_[2];
     double values[kObservations] = {height_ - kTorsoHeight,

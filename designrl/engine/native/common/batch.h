@@ -3,8 +3,8 @@
 // designrl/engine/__init__.py, too.
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
+#include <stddef.h>
+#include <stdint.h>
 
 struct Batch {
   const int32_t* sizes;          // (layers + 1,) of the network: inputs, each layer's outputs

@@ -2,7 +2,7 @@
 // episodes.h, in groups that keep their worlds from call to call.
 #pragma once
 
-#include <cstring>
+#include <string.h>
 
 #include "common/episodes.h"
 
@@ -48,7 +48,7 @@ class Environment {
   }
 
   void write_observation(float* observations, int64_t i) const {
-    std::memcpy(observations + Task::kObservations * i, outcome_.observation,
+    memcpy(observations + Task::kObservations * i, outcome_.observation,
                 Task::kObservations * sizeof(float));
   }
 

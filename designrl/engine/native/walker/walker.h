@@ -39,8 +39,8 @@ struct RayDirections {
   RayDirections() {
     for (int i = 0; i < kRays; ++i) {
       volatile double angle = 1.5 * i / 10.0;
-      x[i] = std::sin(angle) * kLidarRange;
-      y[i] = std::cos(angle) * kLidarRange;
+      x[i] = sin(angle) * kLidarRange;
+      y[i] = cos(angle) * kLidarRange;
     }
   }
 };

@@ -51,7 +51,7 @@ struct Kinematics {
       if (j % 2 == 0) {
         joint_rotation[j] = {zero, zero, s, c};
       } else {
-        s = s / std::sqrt(2.0);  // the axis' length
+        s = s / sqrt(2.0);  // the axis' length
         joint_rotation[j] = {kAnkleX[leg] * s, s, zero, c};
       }
       joint_arm[j] = rotate(joint_rotation[j], body.legs[leg][j % 2].arm);
