@@ -48,7 +48,7 @@ class BuildEngine(build_ext):
                 for source in TASKS
                 for name, flags in INSTRUCTION_SETS.items()
             ]
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
+            with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
                 objects = sum(pool.map(self.compile_unit, units), [])
             target = self.get_ext_fullpath(extension.name)
             Path(target).parent.mkdir(parents=True, exist_ok=True)

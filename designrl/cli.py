@@ -16,7 +16,7 @@ from pathlib import Path
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import is_locked, read_limited, require_new
-from designrl.provenance import VERSION
+from designrl.provenance import VERSION, core_count
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
@@ -297,7 +297,7 @@ def parser() -> argparse.ArgumentParser:
         group.add_argument(
             "--workers",
             type=int,
-            default=len(os.sched_getaffinity(0)),
+            default=core_count(),
             help="processes or threads (default: %(default)s); they do not change the result",
         )
 

@@ -25,7 +25,7 @@ from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
 from designrl.policy import Agent
-from designrl.provenance import sources_hash, versions
+from designrl.provenance import core_count, sources_hash, versions
 from designrl.published import file_name, published_runs
 from designrl.simulation import BACKENDS, Simulator
 from designrl.workers import ProcessWorkers
@@ -152,7 +152,7 @@ def score_all(files: list[tuple[Path, str]]) -> list[Score]:
                 missing.append(i)  # a missing or damaged entry is computed
     total = len(missing) * EPISODES
     with tqdm(total=total, unit="episode", leave=False, disable=None if missing else True) as bar:
-        workers = len(os.sched_getaffinity(0))
+        workers = core_count()
         for i in missing:
             bar.set_postfix_str(shown(found[i].path))
             result = evaluate(found[i].agent, EPISODES, SEED, workers, backend(), bar.update)
@@ -186,7 +186,7 @@ def compare_with_reference(played: list[Score]) -> None:
         InputError: a return differs.
     """
     tasks = [(i,) for i in range(len(played))]
-    workers = ProcessWorkers(min(len(os.sched_getaffinity(0)), len(played)))
+    workers = ProcessWorkers(min(core_count(), len(played)))
     agents = [(s.agent.experiment.name, s.agent.network, s.agent.parameters) for s in played]
     with (
         closing(workers),

@@ -9,7 +9,6 @@ Ctrl-C saves all; the next call goes on. What is not done yet is in runs/zoo.
 """
 
 import argparse
-import os
 import shutil
 import signal
 import subprocess
@@ -28,6 +27,7 @@ from designrl.checkpoint import STATE_FORMAT, load, read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import write_atomically
+from designrl.provenance import core_count
 from designrl.recording import read, thin
 from designrl.recording.run import KEPT
 from designrl.settings import TrainSettings
@@ -238,7 +238,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="*", metavar="EXPERIMENT", help="runs of these alone")
     parser.add_argument("--folder", type=Path, default=scores.ROOT / "runs" / "zoo")
-    parser.add_argument("--cores", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--cores", type=int, default=core_count())
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--save", action="store_true", help="unfinished runs to logs/unfinished")
     what.add_argument("--verify", action="store_true", help="the first generations once more")

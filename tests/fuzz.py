@@ -41,6 +41,7 @@ from test_recording import write_run  # noqa: E402
 
 from designrl import checkpoint  # noqa: E402
 from designrl.errors import InputError  # noqa: E402
+from designrl.provenance import core_count  # noqa: E402
 from designrl.recording import (  # noqa: E402
     RunWriter,
     describe,
@@ -360,7 +361,7 @@ def main() -> int:
     starts = range(0, options.files, BATCH)
     batches = [range(start, min(start + BATCH, options.files)) for start in starts]
     # A fresh process for each batch: what one file leaves behind must not hide what another does.
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(core_count(), max_tasks_per_child=1) as pool:
         futures = {batch: pool.submit(read_batch, files, options.seed, batch) for batch in batches}
         for batch, future in futures.items():
             try:

@@ -309,13 +309,14 @@ def test_a_libm_with_other_sines_is_asked_instead(tmp_path):
     seen = []
     already = os.environ.get("LD_PRELOAD", "")
     for preload in (already, f"{already} {library}"):
-        command = [sys.executable, "-c", WALK, *engine.instruction_sets()]
+        asking = [isa for isa in engine.instruction_sets() if isa != "portable"]
+        command = [sys.executable, "-c", WALK, *asking]
         environment = {**os.environ, "LD_PRELOAD": preload}
         output = subprocess.run(
             command, env=environment, check=True, capture_output=True, text=True
         )
         seen.append(set(output.stdout.splitlines()))
-    assert [len(results) for results in seen] == [1, 1]  # of all instruction sets
+    assert [len(results) for results in seen] == [1, 1]  # of all that ask it
     assert seen[0] != seen[1]
 
 

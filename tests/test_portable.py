@@ -1,11 +1,17 @@
-"""The portable engine on other machines: 64-bit ARM and WebAssembly give x86-64's bits."""
+"""The portable engine on other machines: 64-bit ARM and WebAssembly give x86-64's bits.
+
+python tests/test_portable.py 50     all of the experiments, 50 agents of each, whole episodes
+"""
 
 import platform
 import shutil
 import subprocess
 import sys
+import tempfile
+from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +20,7 @@ import pytest
 from designrl import engine
 from designrl.checkpoint import PRETRAINED, load
 from designrl.envs import engine_task
-from designrl.experiments import get_experiment
+from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import noise_stds
 
 ROOT = Path(__file__).parents[1]
@@ -44,9 +50,9 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def batch_of(name, candidates, rollouts, seed=0):
+def batch_of(name, candidates, rollouts):
     """Arguments of `rollout` but the task: in turn a random agent and a published one."""
-    experiment, rng = get_experiment(name), np.random.default_rng(seed)
+    experiment, rng = get_experiment(name), np.random.default_rng(0)
     network = experiment.network
     trained = [load(path, name) for path in sorted((PRETRAINED / name).glob("*.safetensors"))]
     trained = [agent.parameters for agent in trained if agent.network == network]
@@ -89,24 +95,34 @@ def write(path, task, batch):
 
 
 @cache
-def arm_program(folder):
-    for tool in (ARM[0], "qemu-aarch64"):
+def program_for(machine, folder):
+    """Compiles the engine with tests/native/episodes.cpp; the command that runs it."""
+    tools = [ARM[0], "qemu-aarch64"] if machine == "arm" else ["node"]
+    for tool in tools:
         if shutil.which(tool) is None:
             pytest.skip(f"needs {tool}")
-    program = folder / "episodes-arm"
-    subprocess.run([*ARM, *FLAGS, *SOURCES, "-o", program], check=True)
-    return ["qemu-aarch64", program]
-
-
-@cache
-def wasm_program(folder):
-    if find_spec("ziglang") is None:
+    if machine == "wasm" and find_spec("ziglang") is None:
         pytest.skip("needs ziglang (pip install -c requirements-extras.lock ziglang)")
-    if shutil.which("node") is None:
-        pytest.skip("needs node")
-    program = folder / "episodes.wasm"
-    subprocess.run([*WASM, *FLAGS, *SOURCES, "-o", program], check=True)
+    program = folder / f"episodes-{machine}"
+    compiler = ARM if machine == "arm" else WASM
+    subprocess.run([*compiler, *FLAGS, *SOURCES, "-o", program], check=True)
+    if machine == "arm":
+        return ["qemu-aarch64", program]
     return ["node", "--no-warnings", "-e", RUN_WASM, program]
+
+
+def run_there(machine, folder, task, batch):
+    """Returns and steps as of `rollout`, but flat."""
+    command = program_for(machine, folder)
+    source, target = folder / "batch", folder / "returns"
+    write(source, task, batch)
+    if machine == "wasm":
+        subprocess.run([*command, task.name, source, target], check=True)
+    else:
+        with open(source) as stdin, open(target, "w") as stdout:
+            subprocess.run([*command, task.name], stdin=stdin, stdout=stdout, check=True)
+    lines = [line.split() for line in target.read_text().splitlines()]
+    return [float.fromhex(total) for total, _ in lines], [int(steps) for _, steps in lines]
 
 
 @pytest.fixture(scope="module")
@@ -114,25 +130,30 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("programs")
 
 
-@pytest.mark.parametrize(
-    "name, candidates, rollouts",
-    [("biped", 4, 2), ("biped-hardcore-morphology", 4, 3), ("ant", 2, 2), ("ant-morphology", 4, 2)],
-)
-@pytest.mark.parametrize("program", [arm_program, wasm_program], ids=["arm", "wasm"])
-def test_episodes_elsewhere_have_the_bits_of_x86(
-    folder, tmp_path, program, name, candidates, rollouts
-):
-    command = program(folder)
-    task, _ = engine_task(get_experiment(name).env_id)
-    batch = batch_of(name, candidates, rollouts)
-    expected = engine.rollout(task, **batch)
-    source, target = tmp_path / "batch", tmp_path / "returns"
-    write(source, task, batch)
-    if program is wasm_program:
-        subprocess.run([*command, task.name, source, target], check=True)
-    else:
-        with open(source) as stdin, open(target, "w") as stdout:
-            subprocess.run([*command, task.name], stdin=stdin, stdout=stdout, check=True)
-    lines = [line.split() for line in target.read_text().splitlines()]
-    assert [float.fromhex(total) for total, _ in lines] == expected[0].ravel().tolist()
-    assert [int(steps) for _, steps in lines] == expected[1].ravel().tolist()
+@pytest.mark.parametrize("name", ["biped-hardcore-morphology", "ant-morphology"])
+@pytest.mark.parametrize("machine", ["arm", "wasm"])
+def test_episodes_elsewhere_have_the_bits_of_x86(machine, folder, name):
+    task = replace(engine_task(get_experiment(name).env_id)[0], max_steps=150)
+    batch = batch_of(name, candidates=8, rollouts=2)
+    returns, steps = engine.rollout(task, **batch)
+    found = run_there(machine, folder, task, batch)
+    assert found == (returns.ravel().tolist(), steps.ravel().tolist())
+
+
+def main(candidates):
+    wrong = 0
+    with tempfile.TemporaryDirectory() as folder:
+        for machine, name in product(("arm", "wasm"), EXPERIMENTS):
+            task, _ = engine_task(get_experiment(name).env_id)
+            batch = batch_of(name, candidates, rollouts=1)
+            returns, steps = engine.rollout(task, **batch)
+            found = zip(*run_there(machine, Path(folder), task, batch), strict=True)
+            here = zip(returns.ravel().tolist(), steps.ravel().tolist(), strict=True)
+            differ = sum(a != b for a, b in zip(found, here, strict=True))
+            print(f"{machine}, {name}: {differ} of {candidates} differ", int(steps.sum()), "steps")
+            wrong += differ
+    return wrong > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))

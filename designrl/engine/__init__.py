@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from designrl.errors import InputError
+from designrl.provenance import core_count
 
 ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # one of these; by default the best there is
 INSTRUCTION_SETS = ("portable", "sse2", "avx2", "avx512")
@@ -246,7 +247,7 @@ def rollout(
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
     batch.arrays = arrays  # which so live as long as what points to them
-    threads = max(1, min(threads or len(os.sched_getaffinity(0)), n * r))
+    threads = max(1, min(threads or core_count(), n * r))
     _run(batch, task.name.encode(), instruction_set(isa).encode(), threads, progress)
     if (steps < 0).any():
         i, j = (int(k) for k in np.argwhere(steps < 0)[0])

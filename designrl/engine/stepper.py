@@ -17,6 +17,7 @@ import numpy as np
 
 from designrl.engine import Task, _find, _library, _Stepping, instruction_set
 from designrl.errors import InputError
+from designrl.provenance import core_count
 
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # Gymnasium's autoreset modes
 _GO_ON, _START, _START_SEEDED = range(3)
@@ -92,7 +93,7 @@ class Stepper(AbstractContextManager):
             final_observations=self.final_observations.ctypes.data,
             failed=self._failed.ctypes.data,
         )
-        threads = max(1, min(threads or len(os.sched_getaffinity(0)), count))
+        threads = max(1, min(threads or core_count(), count))
         isa = instruction_set(isa).encode()
         self._free = library.designrl_stepper_free
         self._call = library.designrl_stepper_run

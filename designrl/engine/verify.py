@@ -15,7 +15,6 @@ output of every step.
 """
 
 import argparse
-import os
 import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
@@ -34,6 +33,7 @@ from designrl.checkpoint import PRETRAINED, load
 from designrl.engine.verify_vector import VECTOR_CASES, compare_vector
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
 from designrl.policy import Agent
+from designrl.provenance import core_count
 from designrl.published import published_runs, zoo_folder
 from designrl.simulation import Episodes, run_episode
 from designrl.simulation import run_engine as run_episodes
@@ -245,7 +245,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=3000)
     parser.add_argument("--steps", type=int, default=100_000, help="of each vector environment")
     parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
-    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--workers", type=int, default=core_count())
     options = parser.parse_args(arguments)
     if reason := engine.missing_reason():
         print(f"nothing to verify: {reason}", file=sys.stderr)

@@ -20,8 +20,8 @@
 // bullet/ follows Bullet 3 operation by operation (Erwin Coumans and others, bulletphysics.org,
 // zlib licence; this is an altered version, written anew for this one body), as PyBullet's wheel
 // computes it: in double precision, without fused multiply-adds, with sine and cosine of the C
-// library that runs, which is the one that PyBullet calls. What has no effect here is left out:
-// warm starting, sleeping, islands, split impulses, motors, the broad phase.
+// library (common/elementary.h). What has no effect here is left out: warm starting, sleeping,
+// islands, split impulses, motors, the broad phase.
 #pragma once
 
 #include "ant/bullet/world.h"
@@ -34,8 +34,8 @@ constexpr char kFlagNames[] = "";
 
 // Python calls them one by one. Inlined, GCC would make one sincos of two calls for the same angle,
 // and nobody promises that it has their bits.
-__attribute__((noinline)) inline double sine(double a) { return sin(a); }
-__attribute__((noinline)) inline double cosine(double a) { return cos(a); }
+__attribute__((noinline)) inline double sine_alone(double a) { return sine(a); }
+__attribute__((noinline)) inline double cosine_alone(double a) { return cosine(a); }
 
 // math.hypot, which differs from the C library's: with the rounding errors of the squares and of
 // their sum (Dekker 1971), the root is corrected to the nearest number.
@@ -82,10 +82,10 @@ struct Euler {
 inline Euler euler(const double* q) {
   const double xx = q[0] * q[0], yy = q[1] * q[1], zz = q[2] * q[2], ww = q[3] * q[3];
   const double sine = -2 * (q[0] * q[2] - q[3] * q[1]);
-  if (sine <= -0.99999) return {0.0, -0.5 * kPi, 2 * atan2(q[0], -q[1])};
-  if (sine >= 0.99999) return {0.0, 0.5 * kPi, 2 * atan2(-q[0], q[1])};
-  return {atan2(2 * (q[1] * q[2] + q[3] * q[0]), ww - xx - yy + zz), asin(sine),
-          atan2(2 * (q[0] * q[1] + q[3] * q[2]), ww + xx - yy - zz)};
+  if (sine <= -0.99999) return {0.0, -0.5 * kPi, 2 * arc_tangent(q[0], -q[1])};
+  if (sine >= 0.99999) return {0.0, 0.5 * kPi, 2 * arc_tangent(-q[0], q[1])};
+  return {arc_tangent(2 * (q[1] * q[2] + q[3] * q[0]), ww - xx - yy + zz), arc_sine(sine),
+          arc_tangent(2 * (q[0] * q[1] + q[3] * q[2]), ww + xx - yy - zz)};
 }
 
 struct Lanes : World {
@@ -237,12 +237,12 @@ class Ant {
     }
     const double ahead = kTargetX - x / kLinks, aside = y / kLinks;
     distance_ = hypotenuse(ahead, aside);
-    const double angle = atan2(-aside, ahead) - turned.yaw;
-    const double c = cosine(turned.yaw), s = sine(turned.yaw);
+    const double angle = arc_tangent(-aside, ahead) - turned.yaw;
+    const double c = cosine_alone(turned.yaw), s = sine_alone(turned.yaw);
     const double vx = velocity_[0], vy = velocity_[1], vz = velocity_[2];
     double values[kObservations] = {height_ - kTorsoHeight,
-                                    sine(angle),
-                                    cosine(angle),
+                                    sine_alone(angle),
+                                    cosine_alone(angle),
                                     kSpeedScale * (c * vx + s * vy),
                                     kSpeedScale * (c * vy - s * vx),
                                     kSpeedScale * vz,

@@ -9,6 +9,7 @@
 //   common/    what every task uses
 //     lanes, doubles, sincos
 //                vectors of numbers, one lane for each of several bodies
+//     elementary sine, cosine and their inverses of single doubles
 //     random, ziggurat
 //                NumPy's random numbers
 //     policy     the tanh network

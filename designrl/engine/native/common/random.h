@@ -89,6 +89,8 @@ class Generator {
       if (bits < kZigguratInside[layer]) return x;  // 99 of 100 times
       if (layer == 0) {
         for (;;) {
+          // log1p and exp are the C library's, whichever it is: their last bit is compared, or
+          // rounded away, and changes one draw in some 10¹².
           const double beyond = -kZigguratInverseEdge * log1p(-random());
           const double y = -log1p(-random());
           if (y + y > beyond * beyond)

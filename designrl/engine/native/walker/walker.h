@@ -20,6 +20,7 @@
 //   walker                the task as a whole
 #pragma once
 
+#include "common/elementary.h"
 #include "common/stepping.h"
 #include "walker/box2d/step.h"
 #include "walker/course.h"
@@ -33,14 +34,14 @@ enum Flag : uint32_t {
 };
 constexpr char kFlagNames[] = "hardcore closest_hits";  // in the order of their bits
 
-// Directions of the LIDAR rays, computed at run time by the C library, as Python does.
+// Directions of the LIDAR rays, computed at run time, as Python does.
 struct RayDirections {
   double x[kRays], y[kRays];
   RayDirections() {
     for (int i = 0; i < kRays; ++i) {
       volatile double angle = 1.5 * i / 10.0;
-      x[i] = sin(angle) * kLidarRange;
-      y[i] = cos(angle) * kLidarRange;
+      x[i] = sine(angle) * kLidarRange;
+      y[i] = cosine(angle) * kLidarRange;
     }
   }
 };

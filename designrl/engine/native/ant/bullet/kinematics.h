@@ -6,6 +6,7 @@
 #pragma once
 
 #include "ant/bullet/body.h"
+#include "common/elementary.h"
 
 namespace ENGINE::ant {
 
@@ -42,7 +43,7 @@ struct Kinematics {
       for (int l = 0; l < kDoubles; ++l) {
         const double half = -state.angle[j][l] * 0.5;
         double sine, cosine;
-        ::sincos(half, &sine, &cosine);
+        sincos(half, sine, cosine);
         s[l] = sine;
         c[l] = cosine;
       }

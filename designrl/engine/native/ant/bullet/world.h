@@ -66,8 +66,8 @@ struct World {
     Double speed = square_root(dot(turn, turn)), sine, cosine;
     speed = select(less(splat(kMaxTurn), speed * h), splat(kMaxTurn / h), speed);
     for (int l = 0; l < kDoubles; ++l) {
-      sine[l] = sin(0.5 * speed[l] * h);
-      cosine[l] = cos(speed[l] * h * 0.5);
+      sine[l] = ENGINE::sine(0.5 * speed[l] * h);
+      cosine[l] = ENGINE::cosine(speed[l] * h * 0.5);
     }
     // sin(speed h / 2) / speed, near 0 by its Taylor series.
     const Double share = select(less(speed, splat(0.001)),
