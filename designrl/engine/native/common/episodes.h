@@ -121,6 +121,8 @@ class Episode {
   Task task;
 
   const Outcome<Task>& outcome() const { return outcome_; }
+  double total() const { return total_; }  // of the rewards so far
+  int64_t steps() const { return steps_; }
 
   // Takes the next episode; false if there is none left.
   bool start(Batch& batch) {
