@@ -122,7 +122,9 @@ def script() -> str:
 
 def agents() -> dict[str, designrl.policy.Agent]:
     """The published walkers by name."""
-    paths = [p for name in WALKERS for p in sorted((ROOT / "pretrained" / name).glob("*.safetensors"))]
+    paths = [
+        p for name in WALKERS for p in sorted((ROOT / "pretrained" / name).glob("*.safetensors"))
+    ]
     return {f"{path.parent.name}/{path.stem}": designrl.load(path) for path in paths}
 
 

@@ -2,7 +2,7 @@
 
 /**
  * @param {HTMLCanvasElement} canvas
- * @param {[number, number][]} points x, y, each in its range
+ * @param {number[][]} points x, y, each in its range
  * @param {{x: number[], y: number[], color: string, zero?: string, mark?: number}} options
  *   zero: color of a line at 0; mark: x of a vertical line
  */
@@ -18,8 +18,8 @@ export function drawLine(canvas, points, { x, y, color, zero, mark }) {
     context.strokeStyle = style;
     context.lineWidth = wide;
     context.beginPath();
-    context.moveTo(...from);
-    context.lineTo(...to);
+    context.moveTo(from[0], from[1]);
+    context.lineTo(to[0], to[1]);
     context.stroke();
   };
   if (zero) line([0, toY(0)], [width, toY(0)], zero, 1);

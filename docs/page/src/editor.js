@@ -26,7 +26,10 @@ function handles(stage) {
  */
 export class Dragging {
   constructor(stage, change) {
-    Object.assign(this, { stage, change, near: null, held: null, slow: 1 });
+    this.stage = stage;
+    this.change = change;
+    this.near = this.held = null; // a handle
+    this.slow = 1;
     const { canvas } = stage;
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerdown", (event) => this.press(event));
@@ -97,7 +100,7 @@ export class Dragging {
       const same = shown && handle.part === shown.part && handle.side === shown.side;
       if (handle.side && !same && this.slow === 1 && !this.held) continue;
       context.beginPath();
-      context.arc(...handle.pixels, same ? 8 : handle.side ? 3 : 5, 0, 7);
+      context.arc(handle.pixels[0], handle.pixels[1], same ? 8 : handle.side ? 3 : 5, 0, 7);
       context.fillStyle = same ? this.stage.colors.accent : "#fff";
       context.strokeStyle = this.stage.colors.outline;
       context.lineWidth = 1.5;
@@ -131,7 +134,7 @@ export class Sliders {
       row.innerHTML = `<span>${name.split(" ").at(-1)}</span><span class="track">
         <input type="range" min="${SMALLEST}" max="${LARGEST}" step="any" aria-label="${name}">
         <i class="learned" title="learned"></i></span><output></output>`;
-      const input = row.querySelector("input");
+      const input = /** @type {HTMLInputElement} */ (row.querySelector("input"));
       input.addEventListener("input", () => change(this.inputs.map((other) => Number(other.value))));
       input.addEventListener("keydown", (event) => { // without steps, arrows need one
         const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
@@ -156,9 +159,9 @@ export class Sliders {
       if (Number(input.value) !== scale) input.value = String(scale);
       input.setAttribute("aria-valuetext", `${Math.round(100 * scale)} % of the original`);
       row.querySelector("output").textContent = `${Math.round(100 * scale)} %`;
-      const share = (scale_) => `${(100 * (scale_ - SMALLEST)) / (LARGEST - SMALLEST)}%`;
-      row.querySelector(".learned").style.left = share(learned[i]);
-      row.style.setProperty("--filled", share(scale));
+      const share = (learned[i] - SMALLEST) / (LARGEST - SMALLEST);
+      const mark = /** @type {HTMLElement} */ (row.querySelector(".learned"));
+      mark.style.left = `calc(9px + ${share} * (100% - 18px))`; // the thumb's
     });
   }
 }

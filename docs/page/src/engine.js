@@ -13,11 +13,11 @@ const RAYS = 10;
 const TIME_LIMIT = { flat: 1600, hardcore: 2000 }; // steps
 const HARDCORE = 1, CLOSEST_HITS = 2; // flags
 
-/** @param {Uint8Array} bytes @returns {Promise<any>} what the engine exports */
+/** @param {Uint8Array<ArrayBuffer>} bytes @returns {Promise<any>} what the engine exports */
 export async function startEngine(bytes) {
-  const { instance } = await WebAssembly.instantiate(bytes);
-  instance.exports._initialize();
-  return instance.exports;
+  const { exports } = new WebAssembly.Instance(await WebAssembly.compile(bytes));
+  /** @type {any} */ (exports)._initialize();
+  return exports;
 }
 
 /** One walker on its course. Positions are in m, with x ahead and y up. */
@@ -71,9 +71,13 @@ export class Walker {
     let at = 0;
     const next = (n) => all.subarray(at, (at += n));
     const [score, steps, ended, fell, failed] = next(5);
-    Object.assign(this, { score, steps, ended: !!ended, fell: !!fell, failed: !!failed });
+    this.score = score;
+    this.steps = steps;
+    this.ended = !!ended;
+    this.fell = !!fell;
+    this.failed = !!failed;
     this.terms = Array.from(next(TERMS.length));
-    [this.effort] = next(1);
+    this.effort = next(1)[0]; // of the motors' full torques, summed
     this.contacts = Array.from(next(2), Boolean);
     this.parts = PARTS.map(() => {
       const [x, , y, , turnY, , turnW] = next(7);

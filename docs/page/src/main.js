@@ -16,7 +16,8 @@ const same = (a, b) => a.every((value, i) => value === b[i]);
 /** The walker at the top: everything that one can do with it. */
 class Playground {
   constructor(engine, element, data) {
-    Object.assign(this, { data, course: 0, element });
+    this.data = data;
+    this.course = 0; // of the evaluation, from 0
     this.at = (name) => element.querySelector(`[data-at="${name}"]`);
     this.panel = new Panel(element);
     this.stage = new Stage(engine, this.at("canvas"), {
@@ -76,8 +77,8 @@ class Playground {
       if (known >= 0) this.goTo(known);
       else this.begin(BigInt(typed));
     });
-    for (const [name, design] of [["original", () => ORIGINAL], ["learned", () => this.agent.design]])
-      on(name, "click", () => this.changeBody([...design()]));
+    on("original", "click", () => this.changeBody([...ORIGINAL]));
+    on("learned", "click", () => this.changeBody([...this.agent.design]));
     this.stage.canvas.addEventListener("keydown", (event) => {
       const action = {
         " ": () => this.setPlaying(!this.clock.playing), r: () => this.go(0), n: () => this.go(1),
@@ -98,7 +99,7 @@ class Playground {
     this.at("agent").value = name;
     this.design = [...this.agent.design];
     this.at("mean").textContent = `${this.agent.mean.toFixed(1)} over ${this.data.courses.length}`;
-    Object.assign(this.panel, { courses: 0, falls: 0, finished: 0 });
+    this.panel.forget();
     this.go(0);
   }
 
@@ -134,7 +135,7 @@ class Playground {
   }
 
   ended(walker) {
-    this.panel.ended(walker, limitOf(this.agent));
+    this.panel.ended(walker);
     const end = walker.failed ? "more contacts than the engine holds"
       : walker.fell ? "it fell: −100"
       : walker.steps < limitOf(this.agent) ? "it reached the end" : "time is up";
@@ -161,7 +162,8 @@ class Playground {
 /** Two agents on the same course. */
 class SideBySide {
   constructor(engine, element, data) {
-    Object.assign(this, { data, element, course: 0 });
+    this.data = data;
+    this.course = 0;
     this.at = (name) => element.querySelector(`[data-at="${name}"]`);
     this.stages = [0, 1].map((i) => new Stage(engine, this.at(`canvas-${i}`), {
       again: () => this.stages.every(({ walker }) => walker.ended) && this.go(1),
@@ -199,12 +201,13 @@ class SideBySide {
 async function open() {
   const data = readData();
   const engine = await startEngine(engineBytes());
-  window.designrl = publicInterface(engine, data.agents);
+  /** @type {any} */ (window).designrl = publicInterface(engine, data.agents);
   const figure = (id) => document.getElementById(id);
   const playground = new Playground(engine, figure("playground"), data);
   new SideBySide(engine, figure("side-by-side"), data);
   new History(engine, figure("history"), data);
-  for (const button of document.querySelectorAll("[data-watch]"))
+  const buttons = /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-watch]"));
+  for (const button of buttons)
     button.addEventListener("click", () => {
       playground.chooseAgent(button.dataset.watch);
       figure("playground").scrollIntoView({ behavior: "smooth" });

@@ -13,8 +13,12 @@ export class Panel {
       <td class="bar"><i data-bar="${term}"></i></td><td data-term="${term}"></td></tr>`).join("");
     this.bars = TERMS.map((term) => element.querySelector(`[data-bar="${term}"]`));
     this.values = TERMS.map((term) => element.querySelector(`[data-term="${term}"]`));
-    Object.assign(this, { courses: 0, falls: 0, finished: 0 });
+    this.forget();
     this.start();
+  }
+
+  forget() {
+    this.courses = this.falls = 0;
   }
 
   start() {
@@ -31,10 +35,9 @@ export class Panel {
     if (walker.steps % EVERY === 0) this.scores.push([walker.steps, walker.score]);
   }
 
-  ended(walker, limit) {
+  ended(walker) {
     this.courses += 1;
     if (walker.fell) this.falls += 1;
-    else if (walker.steps < limit) this.finished += 1;
   }
 
   /** expected: evaluate's score on this course, or why there is none to compare with. */

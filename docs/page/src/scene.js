@@ -33,16 +33,21 @@ export function blend(before, after, share) {
 
 /** Where the picture looks; follows the walker. */
 export class Camera {
-  constructor() { this.ready = false; }
+  constructor() {
+    this.ready = false;
+    this.x = this.ground = this.pixels = 0; // m, m, pixels a m
+    this.left = this.bottom = this.width = this.height = 0;
+  }
 
-  /** @param {boolean} jump at once */
-  follow(walker, hull, width, height, jump) {
+  /** width, height: of the picture, in pixels. */
+  follow(walker, hull, width, height) {
     const leg = Math.max(...[0, 2].map((i) => walker.sizes[i].height + walker.sizes[i + 1].height));
     const near = walker.ground.filter(([x]) => Math.abs(x - hull.x) < 4).map(([, y]) => y);
     const ground = near.length ? near.reduce((a, b) => a + b, 0) / near.length : hull.y - leg;
     const pixels = Math.min((0.62 * height) / (Math.max(leg, 1.6) + 0.6), width / 5.2);
     const target = { pixels, x: hull.x, ground };
-    if (jump || !this.ready) Object.assign(this, target, { ready: true });
+    if (!this.ready) Object.assign(this, target);
+    this.ready = true;
     this.x = hull.x;
     this.ground += (ground - this.ground) * 0.06;
     this.pixels += (pixels - this.pixels) * 0.08;
@@ -104,7 +109,7 @@ function drawMarks(context, camera, walker, colors) {
     context.fillRect(px, camera.height - 22, 1, 6);
     context.fillText(`${x} m`, px, camera.height - 6);
   }
-  for (const [x, name] of [[START, "start"], [FINISH, "finish"]]) {
+  for (const x of [START, FINISH]) {
     if (x < camera.left - 1 || x > right + 1) continue;
     const at = walker.ground.find(([gx]) => gx >= x - 1e-3) ?? walker.ground.at(-1);
     const [px, py] = camera.toPixels(at);
@@ -116,7 +121,7 @@ function drawMarks(context, camera, walker, colors) {
     context.lineTo(px, py - tall);
     context.stroke();
     polygon(context, [[px, py - tall], [px + 26, py - tall + 8], [px, py - tall + 17]]);
-    context.fillStyle = name === "finish" ? colors.accent : colors.touch;
+    context.fillStyle = x === FINISH ? colors.accent : colors.touch;
     context.fill();
   }
 }
@@ -130,14 +135,14 @@ export function partCorners(part, { width, height }) {
   });
 }
 
-function drawBody(context, camera, walker, parts, colors, ghost) {
+function drawBody(context, camera, walker, parts, colors) {
   context.lineJoin = "round";
   context.lineWidth = Math.max(1, camera.pixels * 0.02);
   context.strokeStyle = colors.outline;
   const draw = (corners, fill) => {
     polygon(context, corners.map((p) => camera.toPixels(p)));
     context.fillStyle = fill;
-    if (!ghost) context.fill();
+    context.fill();
     context.stroke();
   };
   for (const leg of [0, 1])
@@ -150,8 +155,8 @@ function drawBody(context, camera, walker, parts, colors, ghost) {
         context.lineWidth = Math.max(3, camera.pixels * 0.05);
         context.lineCap = "round";
         context.beginPath();
-        context.moveTo(...a);
-        context.lineTo(...b);
+        context.moveTo(a[0], a[1]);
+        context.lineTo(b[0], b[1]);
         context.stroke();
         context.restore();
       }
@@ -172,8 +177,8 @@ function drawRays(context, camera, walker, hull, colors) {
     const to = camera.toPixels([x + dx, y + dy]);
     context.globalAlpha = 0.45;
     context.beginPath();
-    context.moveTo(...from);
-    context.lineTo(...to);
+    context.moveTo(from[0], from[1]);
+    context.lineTo(to[0], to[1]);
     context.stroke();
     context.globalAlpha = 0.9;
     context.beginPath();
@@ -193,5 +198,5 @@ export function drawScene(context, camera, walker, parts, colors) {
   drawGround(context, camera, walker, colors);
   drawMarks(context, camera, walker, colors);
   drawRays(context, camera, walker, parts[0], colors);
-  drawBody(context, camera, walker, parts, colors, false);
+  drawBody(context, camera, walker, parts, colors);
 }

@@ -35,10 +35,10 @@ export class Stage {
     this.resize();
   }
 
-  /** Lets so much simulated time pass. */
-  pass(seconds) {
+  /** Lets time pass: so much for the walker, and so much for who watches. */
+  pass(seconds, watched) {
     if (this.walker.ended) {
-      this.resting += seconds;
+      this.resting += watched;
       if (this.resting > REST) this.hooks.again?.(this);
       return;
     }
@@ -78,7 +78,7 @@ export class Stage {
     this.parts = blend(this.before, this.walker.parts, Math.min(this.due, 1));
     const { clientWidth, clientHeight } = this.canvas;
     if (!still)
-      this.camera.follow(this.walker, this.parts[0], clientWidth, clientHeight, false);
+      this.camera.follow(this.walker, this.parts[0], clientWidth, clientHeight);
     drawScene(context, this.camera, this.walker, this.parts, this.colors);
     this.hooks.drawn?.(this, context);
   }
@@ -87,7 +87,12 @@ export class Stage {
 /** Runs stages while they are in view. options: playing, speed, and slow() of the time, 0 to 1. */
 export class Clock {
   constructor(stages, element) {
-    Object.assign(this, { stages, playing: true, speed: 1, slow: () => 1, seen: false, last: 0 });
+    this.stages = stages;
+    this.playing = true;
+    this.speed = 1;
+    this.slow = () => 1;
+    this.seen = this.asked = false;
+    this.last = 0; // ms
     new IntersectionObserver(([entry]) => {
       this.seen = entry.isIntersecting;
       this.last = 0;
@@ -108,7 +113,7 @@ export class Clock {
       this.last = now;
       const slow = this.slow();
       for (const stage of this.stages) {
-        if (this.playing && slow) stage.pass(passed * this.speed * slow);
+        if (this.playing && slow) stage.pass(passed * this.speed * slow, passed);
         stage.draw(slow === 0);
       }
       if (this.seen && !document.hidden) this.ask();
