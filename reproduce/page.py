@@ -246,14 +246,20 @@ def figures() -> str:
 
 def films() -> list[str]:
     """Names of the films."""
-    return sorted(path.stem for path in (ROOT / "paper/gallery").glob("*.webp"))
+    names = sorted(path.stem for path in (ROOT / "paper/gallery").glob("*.webp"))
+    order = list(EXPERIMENTS)
+    return sorted(names, key=lambda name: order.index(name) if name in order else len(order))
 
 
 def film_figures() -> str:
     """The films with their names."""
+
+    def title(name: str) -> str:
+        return EXPERIMENTS[name].title if name in EXPERIMENTS else name.replace("-", " ")
+
     return "".join(
-        f'<figure><img loading="lazy" src="../../paper/gallery/{name}.webp" alt="{name}">'
-        f"<figcaption>{name}</figcaption></figure>"
+        f'<figure><img loading="lazy" src="../../paper/gallery/{name}.webp" alt="{title(name)}">'
+        f"<figcaption>{title(name)}</figcaption></figure>"
         for name in films()
     )
 

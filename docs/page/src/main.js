@@ -6,6 +6,7 @@ import { ORIGINAL, startEngine } from "./engine.js";
 import { History } from "./history.js";
 import { Panel } from "./panel.js";
 import { publicInterface } from "./play.js";
+import { longestLeg } from "./scene.js";
 import { Clock, Stage } from "./stage.js";
 
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -187,6 +188,11 @@ class SideBySide {
       this.at(`name-${i}`).textContent = agent.name;
       this.stages[i].start(agent.weights, agent.design, course);
     });
+    const longest = Math.max(...this.stages.map(({ walker }) => longestLeg(walker)));
+    for (const stage of this.stages) { // in the same scale
+      Object.assign(stage.camera, { longest, ready: false });
+      stage.draw();
+    }
     this.at("course").textContent = String(this.course + 1);
   }
 

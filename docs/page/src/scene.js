@@ -31,20 +31,26 @@ export function blend(before, after, share) {
   });
 }
 
+/** m. */
+export function longestLeg({ sizes }) {
+  return Math.max(...[0, 2].map((i) => sizes[i].height + sizes[i + 1].height));
+}
+
 /** Where the picture looks; follows the walker. */
 export class Camera {
   constructor() {
     this.ready = false;
+    this.longest = 0; // m, of a leg that is to fit, too, beside the walker's own
     this.x = this.ground = this.pixels = 0; // m, m, pixels a m
     this.left = this.bottom = this.width = this.height = 0;
   }
 
   /** width, height: of the picture, in pixels. */
   follow(walker, hull, width, height) {
-    const leg = Math.max(...[0, 2].map((i) => walker.sizes[i].height + walker.sizes[i + 1].height));
+    const leg = longestLeg(walker);
     const near = walker.ground.filter(([x]) => Math.abs(x - hull.x) < 4).map(([, y]) => y);
     const ground = near.length ? near.reduce((a, b) => a + b, 0) / near.length : hull.y - leg;
-    const pixels = Math.min((0.62 * height) / (Math.max(leg, 1.6) + 0.6), width / 5.2);
+    const pixels = Math.min((0.62 * height) / (Math.max(leg, this.longest, 1.6) + 0.6), width / 5.2);
     const target = { pixels, x: hull.x, ground };
     if (!this.ready) Object.assign(this, target);
     this.ready = true;
