@@ -8,8 +8,8 @@
 #   make transfer                    PPO on original and learned bodies (examples/ppo.py), the curves
 #                                    that make reproduce-transfer draws; those there are kept. Hours:
 #                                    make -j2 transfer for two at a time
-#   make zoo                         train and publish every run of Table 3 that is missing
-#   make verify-zoo                  train the first generations of the published runs again
+#   make train-all                   train and publish every run of Table 3 that is missing
+#   make verify-runs                 train the first generations of the published runs again
 #   make test                        the test suite
 #   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
 #                                    million steps of vector environments; make sanitize-engine:
@@ -35,8 +35,8 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup same-python test bench lint reproduce FORCE page gallery zoo verify-zoo transfer \
-  verify-engine sanitize-engine verify-resume fuzz clean
+.PHONY: setup same-python test bench lint reproduce FORCE page gallery train-all zoo verify-runs \
+  verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
 
@@ -110,11 +110,11 @@ gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
 
 # The published runs, one on each core; ONLY="biped ant" for those of some experiments.
-zoo: $(READY)
-	@$(BIN)/python -m reproduce.zoo $(if $(ONLY),--only $(ONLY))
+train-all zoo: $(READY)  # zoo: its old name
+	@$(BIN)/python -m reproduce.train_all $(if $(ONLY),--only $(ONLY))
 
-verify-zoo: $(READY)
-	@$(BIN)/python -m reproduce.zoo --verify $(if $(ONLY),--only $(ONLY))
+verify-runs verify-zoo: $(READY)
+	@$(BIN)/python -m reproduce.train_all --verify $(if $(ONLY),--only $(ONLY))
 
 verify-engine: $(READY)
 	@$(BIN)/python -m designrl.engine.verify

@@ -39,7 +39,7 @@ sys.path.insert(0, str(ROOT))
 from hostile import FILES, check  # noqa: E402
 from test_recording import write_run  # noqa: E402
 
-from designrl import checkpoint  # noqa: E402
+from designrl import checkpoint, names  # noqa: E402
 from designrl.errors import InputError  # noqa: E402
 from designrl.provenance import core_count  # noqa: E402
 from designrl.recording import (  # noqa: E402
@@ -269,7 +269,7 @@ def show(recording) -> None:
 KINDS = {
     "checkpoint": ("f.safetensors", 2, damage_safetensors, read_checkpoint),
     "state": ("run/state.safetensors", 1, damage_safetensors, read_state),
-    "2018": ("f.json", 2, damage_json, lambda path: checkpoint.load(path, EXPERIMENT)),
+    "2018": ("f.json", 2, damage_json, lambda path: names.load(path, EXPERIMENT)),
     "run": ("f.mcap", 2, damage_mcap, read_recording),
     "rollout": ("r.mcap", 1, damage_mcap, read_recording),
 }

@@ -105,7 +105,7 @@ def test_links_lead_somewhere():
 def test_the_recipes_in_the_table_are_those_of_the_experiments():
     columns = [(EXPERIMENTS.values(), "paper")]
     for letters in ("ab", "cde", "gh", "f"):
-        columns.append(([e for e in EXPERIMENTS.values() if e.letter in letters], "zoo"))
+        columns.append(([e for e in EXPERIMENTS.values() if e.letter in letters], "ours"))
     rows = {
         "candidates × rollouts": lambda s: f"{s.population} × {s.rollouts}",
         "generations": lambda s: f"{s.generations:,}",

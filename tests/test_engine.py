@@ -18,12 +18,12 @@ from designrl.engine import Task, act_function, instruction_set, rollout, steppe
 from designrl.engine.verify import (
     TERRAINS,
     Case,
+    author_policies,
     compare,
     difference,
     make_cases,
     run_engine,
     run_reference,
-    zoo_policies,
 )
 from designrl.envs import engine_task
 from designrl.errors import InputError
@@ -72,10 +72,10 @@ def test_every_observation_and_the_return_equal_box2d(case):
     assert compare(case)[1] is None
 
 
-@pytest.mark.parametrize("policy", zoo_policies() or [None], ids=lambda p: p[0] if p else "none")
+@pytest.mark.parametrize("policy", author_policies() or [None], ids=lambda p: p[0] if p else "none")
 def test_trained_policies_walk_the_same_course_and_earn_the_bonus_of_shaped_rewards(policy):
     if policy is None:
-        pytest.skip("no zoo of trained policies here")
+        pytest.skip("the author's weights are not here; set AUTHOR_ZOO to their folder")
     kind, parameters = policy
     case = Case(kind, TERRAINS["hardcore" in kind], parameters, seed=17, shaped=True)
     assert compare(case)[1] is None
@@ -344,7 +344,7 @@ def test_ctrl_c_stops_a_long_rollout_at_once():
 
 
 def test_two_signals_at_once_are_one_interrupt():
-    # `make zoo` sends SIGTERM while the terminal's Ctrl-C has not been handled yet.
+    # `make train-all` sends SIGTERM while the terminal's Ctrl-C has not been handled yet.
     batch = random_batch(2000, 50, std=0.05)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 from designrl import engine
-from designrl.checkpoint import PRETRAINED, load
 from designrl.envs import engine_task
 from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.names import PRETRAINED, load
 from designrl.policy import noise_stds
 
 ROOT = Path(__file__).parents[1]

@@ -15,14 +15,15 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from designrl.checkpoint import load, save
+from designrl import author
+from designrl.checkpoint import save
 from designrl.engine import missing_reason
 from designrl.errors import InputError
 from designrl.evaluation import Evaluation, evaluate
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash, write_atomically
+from designrl.names import load
 from designrl.policy import Agent
-from designrl.published import published, zoo_folder
 from designrl.recording import read
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
@@ -178,9 +179,9 @@ def test_walkers_score_what_the_committed_table_says(name):
     assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
 
 
-def test_the_authors_walker_scores_what_the_committed_table_says(zoo_agent):
+def test_the_authors_walker_scores_what_the_committed_table_says(author_agent):
     [row] = [row for row in committed("author") if row["experiment"] == "biped-hardcore"]
-    agent = zoo_agent("biped-hardcore")
+    agent = author_agent("biped-hardcore")
     found = evaluate(agent, int(row["episodes"]), int(row["seed"]), backend="engine").scores
     assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
     assert row["sha256"] == agent.metadata["source_sha256"]
@@ -315,13 +316,13 @@ def test_papers_summary_follows_from_its_runs(name):
     assert table3.std_over_runs(runs) == pytest.approx(std, abs=0.2)
 
 
-def test_tables_print_the_papers_bodies_from_the_authors_weights(zoo_agent):
-    shown = table1.percentages(zoo_agent("ant-morphology").design).round()
+def test_tables_print_the_papers_bodies_from_the_authors_weights(author_agent):
+    shown = table1.percentages(author_agent("ant-morphology").design).round()
     printed = scores.paper()["table1"]
     assert shown.tolist() == [printed[part] for part in ("top", "middle", "bottom")]
     for name in table2.WALKERS:
         printed = scores.paper()["table2"][name]
-        area, sizes = table2.legs(zoo_agent(name).scales)
+        area, sizes = table2.legs(author_agent(name).scales)
         assert round(area) == printed["leg_area"]
         assert sizes.round(1).tolist() == printed["dimensions"]
 
@@ -335,12 +336,12 @@ def test_cells_lead_to_where_their_numbers_come_from():
     assert "[" not in table.markdown() + table.latex()
 
 
-def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, zoo_agent):
-    zoo_agent("biped")  # skips without the author's weights
+def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, author_agent):
+    author_agent("biped")  # skips without the author's weights
     clone = project / "clones" / "estool" / "zoo"
     (clone / "more" / "biped").mkdir(parents=True)
     for name in ("biped.json", "more/biped/biped.7.json"):
-        shutil.copyfile(published(zoo_folder(), "biped"), clone / name)
+        shutil.copyfile(author.file_of(author.zoo(), "biped"), clone / name)
     monkeypatch.setenv("ZOO", str(project / "clones"))
     assert build.make("table4")
     lines = (project / "paper/with-zoo/tables/table4.md").read_text().splitlines()

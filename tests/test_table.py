@@ -20,7 +20,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     small = {"generations": 3, "population": 4, "rollouts": 1}
     changes = {**small, "evaluate_every": 2, "evaluation_episodes": 2}
-    TrainingRun(TrainSettings.of("biped-morphology", "zoo", **changes), folder).run()
+    TrainingRun(TrainSettings.of("biped-morphology", "ours", **changes), folder).run()
     return folder
 
 

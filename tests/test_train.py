@@ -170,8 +170,8 @@ def test_the_recorded_command_gives_the_run_again():
         "--rollouts 2 --no-shaped-rewards --evaluate-every 2 --evaluation-episodes 3"
     )
     assert cli.settings_of(cli.parser().parse_args(ours.command().split()[1:])) == ours
-    assert TrainSettings.of("ant", "zoo", seed=1).command() == (
-        "designrl train ant --recipe zoo --seed 1"
+    assert TrainSettings.of("ant", "ours", seed=1).command() == (
+        "designrl train ant --recipe ours --seed 1"
     )
 
 
@@ -365,11 +365,11 @@ def test_the_papers_recipe_has_the_papers_numbers():
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_recipe_is_valid_and_the_same_for_every_seed(name):
-    for recipe in ("paper", "zoo", "plain"):
+    for recipe in ("paper", "ours", "plain"):
         one, other = (TrainSettings.of(name, recipe, seed=seed) for seed in (0, 7))
         assert dataclasses.replace(one, seed=7) == other
         Reinforce(3, one.population, one)
-    with pytest.raises(InputError, match="recipe is 'zo'; it must be one of paper, zoo, plain"):
+    with pytest.raises(InputError, match="recipe is 'zo'; it must be one of paper, ours, plain"):
         TrainSettings.of(name, "zo")
 
 

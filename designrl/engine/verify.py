@@ -5,8 +5,8 @@
 
 Each episode is run in the Gymnasium environment and in the engine: every observation, the return
 and the length must have the same bits. Designs, policies and seeds are random; policies are random
-networks, some of other sizes than the experiments', and the author's trained ones where there is a
-zoo (DESIGNRL_ZOO). All kinds of episode take turns: both terrains, both LIDARs, with and without
+networks, some of other sizes than the experiments', and the author's trained ones where AUTHOR_ZOO
+names their folder. All kinds of episode take turns: both terrains, both LIDARs, with and without
 shaped rewards and those of smaller legs. A third are ants' episodes: with random and trained
 policies (ours, too), on bodies from the original one to some at all bounds.
 
@@ -27,14 +27,13 @@ import numpy as np
 from gymnasium.wrappers import TransformObservation
 from tqdm import tqdm
 
-from designrl import engine
+from designrl import author, engine
 from designrl.bodies.walker import WALKER
-from designrl.checkpoint import PRETRAINED, load
 from designrl.engine.verify_vector import VECTOR_CASES, compare_vector
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
+from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
 from designrl.provenance import core_count
-from designrl.published import published_runs, zoo_folder
 from designrl.simulation import Episodes, run_episode
 from designrl.simulation import run_engine as run_episodes
 
@@ -136,13 +135,13 @@ def compare(case: Case) -> tuple[int, str | None]:
     return reference[1], difference(reference, run_engine(case))
 
 
-def zoo_policies() -> list[tuple[str, np.ndarray]]:
-    """(experiment, (2812,) parameters) of the author's walkers; empty without a zoo."""
-    folder, policies = zoo_folder(), []
+def author_policies() -> list[tuple[str, np.ndarray]]:
+    """(experiment, (2812,) parameters) of the author's walkers; empty without AUTHOR_ZOO."""
+    folder, policies = author.zoo(), []
     size = get_experiment(TERRAINS[0]).num_parameters
     for name, experiment in EXPERIMENTS.items():
         if folder and experiment.body is WALKER:
-            for path in published_runs(folder, name).values():
+            for path in author.runs(folder, name).values():
                 parameters = load(path, name).parameters
                 # A design parameter of 0 is the original size.
                 policies.append((name, np.pad(parameters, (0, size - parameters.size))))
@@ -150,10 +149,10 @@ def zoo_policies() -> list[tuple[str, np.ndarray]]:
 
 
 def ant_policies() -> list[tuple[str, np.ndarray, Network]]:
-    """(experiment, parameters, network) of the author's ants, if there is a zoo, and of ours."""
-    folder, files = zoo_folder(), []
+    """(experiment, parameters, network) of the author's ants (AUTHOR_ZOO) and of ours."""
+    folder, files = author.zoo(), []
     for name in ANTS:
-        files += [(name, path) for path in published_runs(folder, name).values()] if folder else []
+        files += [(name, path) for path in author.runs(folder, name).values()] if folder else []
         files += [(name, path) for path in sorted((PRETRAINED / name).glob("*.safetensors"))]
     agents = [(name, load(path, name)) for name, path in files]
     return [(name, agent.parameters, agent.network) for name, agent in agents]
@@ -211,7 +210,7 @@ def make_cases(episodes: int, seed: int = 0) -> list[Case]:
     """Episodes of walkers of all kinds in turn; the same ones for the same seed."""
     rng = np.random.default_rng(seed)
     kinds = list(product(TERRAINS, ("v2", "v3"), (False, True), (False, True)))
-    policies = zoo_policies()
+    policies = author_policies()
     cases = []
     for i in range(episodes):
         experiment, lidar, shaped, smaller = kinds[i % len(kinds)]
@@ -254,8 +253,8 @@ def main(arguments: list[str] | None = None) -> int:
     cases = make_cases(options.episodes - ants, options.seed)
     cases += make_ant_cases(ants, options.seed)
     cases.append(full_manifold_case())
-    if zoo_folder() is None:
-        print("no zoo of trained policies found: random policies only (set DESIGNRL_ZOO=folder)")
+    if author.zoo() is None:
+        print("random policies and our ants only; AUTHOR_ZOO=folder adds the author's")
     isa = engine.instruction_set()
     steps, counts, differences = 0, Counter(), []
     with ProcessPoolExecutor(options.workers) as pool:

@@ -20,9 +20,9 @@ import pytest
 from test_environment_speed import AntEpisode, RandomActions
 
 from designrl import engine
-from designrl.checkpoint import PRETRAINED, load
 from designrl.envs import engine_task
 from designrl.experiments import get_experiment
+from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
 from designrl.provenance import core_count
 from designrl.simulation import Episodes, run_engine, run_episode

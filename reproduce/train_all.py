@@ -1,11 +1,11 @@
 """Train the published runs, or those of them that are missing.
 
-    make zoo                  one run on each core; each is published when it is done
-    make zoo ONLY=biped       those of one experiment, or of several: ONLY="biped ant"
-    make verify-zoo           train the first generations of every published run again and compare
+    make train-all            one run on each core; each is published when it is done
+    make train-all ONLY=biped those of one experiment, or of several: ONLY="biped ant"
+    make verify-runs          train the first generations of every published run again and compare
 
 Which runs there are is decided by `plan`, and how each is trained by its experiment's recipe.
-Ctrl-C saves all; the next call goes on. What is not done yet is in runs/zoo.
+Ctrl-C saves all; the next call goes on. What is not done yet is in runs/all.
 """
 
 import argparse
@@ -80,7 +80,7 @@ def plan() -> Iterator[Planned]:
         for seed in range(max(counts.values())):
             for letter, count in counts.items():
                 if start.get(letter, 0) <= seed < count:
-                    settings = TrainSettings.of(names[letter], "zoo", seed=seed)
+                    settings = TrainSettings.of(names[letter], "ours", seed=seed)
                     yield Planned(settings, f"seed{seed}")
 
     first = list(seeds(FIRST, {}))
@@ -180,9 +180,9 @@ def train(waiting: list[Planned], folder: Path, cores: int) -> None:
         for training in active:
             training.process.wait()
             training.bar.close()
-        sys.exit(f"zoo: stopped, all is saved in {folder}; the same command goes on")
+        sys.exit(f"train-all: stopped, all is saved in {folder}; the same command goes on")
     if failures:
-        sys.exit("\n".join(f"zoo: {failure}" for failure in failures))
+        sys.exit("\n".join(f"train-all: {failure}" for failure in failures))
 
 
 def save(left: list[Planned], folder: Path) -> None:
@@ -228,7 +228,7 @@ def verify(runs: list[Planned]) -> None:
         try:
             print(f"{run.place}: {compare(run)} generations again, to the bit", flush=True)
         except InputError as error:
-            differences.append(f"zoo: {error}")
+            differences.append(f"train-all: {error}")
     if differences:
         sys.exit("\n".join(differences))
 
@@ -237,7 +237,7 @@ def main() -> None:
     """Train, save or verify the runs of the plan."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="*", metavar="EXPERIMENT", help="runs of these alone")
-    parser.add_argument("--folder", type=Path, default=scores.ROOT / "runs" / "zoo")
+    parser.add_argument("--folder", type=Path, default=scores.ROOT / "runs" / "all")
     parser.add_argument("--cores", type=int, default=core_count())
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--save", action="store_true", help="unfinished runs to logs/unfinished")
@@ -257,5 +257,5 @@ def main() -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with program("zoo"):
+    with program("train-all"):
         main()
