@@ -27,6 +27,7 @@ FLOORS = (  # from the ground up; the rooms of a package stand on its floor
     "evaluation",
     "recording",
     "video",
+    "run_folder",
     "train",
     "plan",
     "viewer",
