@@ -3,6 +3,7 @@
 #   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
+#   make page                        docs/page/index.html: the walker in the browser, and all results
 #   make gallery                     looping pictures of each experiment's best agent
 #   make transfer                    PPO on original and learned bodies (examples/ppo.py), the curves
 #                                    that make reproduce-transfer draws; those there are kept. Hours:
@@ -34,7 +35,7 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup same-python test bench lint reproduce FORCE gallery train-all zoo verify-runs \
+.PHONY: setup same-python test bench lint reproduce FORCE page gallery train-all zoo verify-runs \
   verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
@@ -74,6 +75,8 @@ bench: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@if command -v npx >/dev/null; then npx --yes --package typescript@5.9.3 tsc -p docs/page; \
+	else echo "the types of docs/page/src are not checked: there is no npx"; fi
 
 reproduce: $(READY)
 	@$(BIN)/python -m reproduce.build
@@ -98,6 +101,10 @@ $(TRANSFER)/hardcore/original/seed%.csv: | $(READY)
 	$(CURVE) $(HARDCORE)
 $(TRANSFER)/hardcore/learned/seed%.csv: | $(READY)
 	$(CURVE) $(HARDCORE) $(call LEARNED,hardcore)
+
+page: $(READY)
+	@$(BIN)/python -c 'import ziglang' 2>/dev/null || $(PIP) install --quiet -c requirements-extras.lock ziglang
+	@$(BIN)/python -m reproduce.page
 
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery

@@ -65,6 +65,31 @@ def test_outputs_do_not_depend_on_threads_or_on_other_environments(env_id):
 
 
 @pytest.mark.parametrize("env_id", IDS)
+def test_poses_are_those_of_the_reference(env_id):
+    space = gymnasium.make(env_id).unwrapped.body.design
+    designs = np.random.default_rng(0).uniform(0.5, 1.5, (3, space.size))
+    env = make(env_id, 3, design=designs, autoreset_mode=SAME_STEP, max_episode_steps=90)
+    sync = SyncVectorEnv(
+        [
+            lambda design=design: gymnasium.make(env_id, design=design, max_episode_steps=90)
+            for design in designs
+        ],
+        autoreset_mode=SAME_STEP,
+    )
+    with pytest.raises(ResetNeeded, match="poses\\(\\) before reset"):
+        env.poses()
+    for each in (env, sync):
+        each.reset(seed=5)
+    for actions in [None, *random_actions(env, 200)]:
+        if actions is not None:
+            for each in (env, sync):
+                each.step(actions)
+        singles = [single.unwrapped for single in sync.envs]
+        expected = np.array([np.concatenate(e.body.poses(e), axis=1) for e in singles])
+        assert env.poses().tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("env_id", IDS)
 def test_spaces_are_the_single_environments(env_id):
     engine_env = gymnasium.make_vec(env_id, 2)  # the engine is what make_vec takes by itself
     sync = gymnasium.make_vec(env_id, 2, vectorization_mode="sync")

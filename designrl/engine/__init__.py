@@ -89,6 +89,7 @@ _FUNCTIONS = {  # of native/api.cpp: result and arguments
     "stepping_bytes": (c_int64, ()),
     "stepper_make": (c_void_p, (c_char_p, c_char_p, c_int64, c_int)),
     "stepper_run": (None, (c_void_p, c_void_p)),
+    "stepper_poses": (None, (c_void_p, c_void_p)),
     "stepper_free": (None, (c_void_p,)),
     "policy_widest": (c_int32, ()),
     "policy_act": (None, (c_void_p, c_void_p, c_int32, c_int32, c_void_p, c_void_p, c_void_p)),
@@ -206,7 +207,7 @@ def rollout(
             no finite number.
         KeyboardInterrupt: within a step or two of Ctrl-C.
     """
-    inputs, outputs, dimensions, _, flags = _find(task)
+    inputs, outputs, dimensions, *_, flags = _find(task)
     sizes = _checked_sizes(sizes)
     if (sizes[0], sizes[-1]) != (inputs + (time_scale is not None), outputs):
         raise InputError(
@@ -300,9 +301,9 @@ def act_function(
     return compiled
 
 
-def _find(task: Task) -> tuple[int, int, int, int, int]:
-    """How many observations, actions, dimensions and terms a task has, and its flags' bits."""
-    counts = (c_int32 * 4)()
+def _find(task: Task) -> tuple[int, int, int, int, int, int]:
+    """How many observations, actions, dimensions, terms, parts a task has; its flags' bits."""
+    counts = (c_int32 * 5)()
     known = _library().designrl_engine_describe(task.name.encode(), counts)
     if known is None:
         raise InputError(f"the engine does not have the task {task.name!r}")

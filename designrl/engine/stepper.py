@@ -54,6 +54,7 @@ class Stepper(AbstractContextManager):
 
     Attributes:
         count, observations, actions, dimensions, terms: N, O, A, D and T.
+        parts: B, of the body.
         designs: (N, D) scales, each as of its environment's last reset.
         final_observations: (N, O), the last of each environment's latest episode that has ended.
 
@@ -77,7 +78,7 @@ class Stepper(AbstractContextManager):
         library = _library()
         *counts, flags = _find(task)
         self.count = count
-        self.observations, self.actions, self.dimensions, self.terms = counts
+        self.observations, self.actions, self.dimensions, self.terms, self.parts = counts
         self.designs = np.ones((count, self.dimensions))
         self.final_observations = np.zeros((count, self.observations), dtype=np.float32)
         self._reward_factor = reward_factor
@@ -97,6 +98,7 @@ class Stepper(AbstractContextManager):
         isa = instruction_set(isa).encode()
         self._free = library.designrl_stepper_free
         self._call = library.designrl_stepper_run
+        self._write_poses = library.designrl_stepper_poses
         self._stepper = library.designrl_stepper_make(task.name.encode(), isa, count, threads)
         if not self._stepper:
             raise MemoryError(f"there is no memory for {count} environments")
@@ -160,9 +162,19 @@ class Stepper(AbstractContextManager):
         self._run()
         return steps
 
-    def _run(self) -> None:
+    def poses(self) -> np.ndarray:
+        """(N, B, 7) position in m and quaternion x, y, z, w of each part, see `Body.poses`."""
+        self._check_process()
+        poses = np.empty((self.count, self.parts, 7))
+        self._write_poses(self._stepper, poses.ctypes.data)
+        return poses
+
+    def _check_process(self) -> None:
         if os.getpid() != self._process:  # a fork has not its threads
             raise InputError("these environments are another process's; make them in this one")
+
+    def _run(self) -> None:
+        self._check_process()
         self._call(self._stepper, ctypes.byref(self._fields))
         if self._failed.any():
             index = int(np.argmax(self._failed))

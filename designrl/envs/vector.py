@@ -179,6 +179,18 @@ class EngineVectorEnv(VectorEnv):
         self._ended = ended
         return observations, rewards, terminated, truncated, infos
 
+    def poses(self) -> np.ndarray:
+        """(N, parts, 7) where every part of every body is, in the order of its body's `tree`.
+
+        A position in m, then a quaternion x, y, z, w: those of `designrl.bodies.Body.poses`, as
+        they are after the last step, or the reset that followed in it.
+        """
+        if self.closed:
+            raise ClosedEnvironmentError("poses() after close()")
+        if self._ended is None:
+            raise ResetNeeded("poses() before reset()")
+        return self._stepper.poses()
+
     def _add_terms(self, infos: dict, terms: np.ndarray, mask: np.ndarray) -> None:
         """Terms (T, N) of the environments in the mask (N,), as `VectorEnv._add_info` has them."""
         if not mask.any():

@@ -120,6 +120,11 @@ class Stepper {
     });
   }
 
+  void write_poses(double* poses) const {
+    for (const Group& group : groups_)
+      task_.group_poses(group.memory.get(), group.count, poses + group.first * 7 * task_.parts);
+  }
+
  private:
   struct Group {
     int64_t first;
@@ -146,14 +151,15 @@ const char* designrl_engine_isa(const char* name) {
 }
 
 // What a task says of itself: the names of its flags, and how many observations, actions,
-// dimensions it has, and terms of its reward. Null if there is none of that name.
-const char* designrl_engine_describe(const char* name, int32_t counts[4]) {
+// dimensions it has, terms of its reward and parts of its body. Null if there is none of that name.
+const char* designrl_engine_describe(const char* name, int32_t counts[5]) {
   const TaskEntry* task = find_task(find_variant(nullptr), name);
   if (!task) return nullptr;
   counts[0] = task->observations;
   counts[1] = task->actions;
   counts[2] = task->design;
   counts[3] = task->terms;
+  counts[4] = task->parts;
   return task->flags;
 }
 
@@ -200,6 +206,10 @@ void* designrl_stepper_make(const char* name, const char* isa, int64_t environme
 }
 void designrl_stepper_run(void* stepper, const Stepping* stepping) {
   static_cast<Stepper*>(stepper)->run(*stepping);
+}
+// poses: (environments, parts, 7), see Task in common/episodes.h.
+void designrl_stepper_poses(const void* stepper, double* poses) {
+  static_cast<const Stepper*>(stepper)->write_poses(poses);
 }
 void designrl_stepper_free(void* stepper) { delete static_cast<Stepper*>(stepper); }
 }

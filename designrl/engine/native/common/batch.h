@@ -53,7 +53,7 @@ struct Stepping {
 // A task compiled for one instruction set.
 struct TaskEntry {
   const char* name;
-  int32_t observations, actions, design, terms;
+  int32_t observations, actions, design, terms, parts;
   const char* flags;  // names, separated by spaces
   size_t (*thread_bytes)();
   // Runs episodes until none is left. memory: thread_bytes() zero bytes, aligned to 64. share: of
@@ -65,4 +65,6 @@ struct TaskEntry {
   int32_t held;
   size_t (*group_bytes)(int count);
   void (*step_group)(const Stepping&, void* memory, int64_t first, int count);
+  // Where the bodies of a group are: (count, parts, 7).
+  void (*group_poses)(const void* memory, int count, double* poses);
 };

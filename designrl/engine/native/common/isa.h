@@ -18,6 +18,7 @@
 //     stepping   steps of environments whose actions the caller has
 //   walker/    the walker's task; walker.h lists its files
 //   ant/       the ant's task; ant.h lists its files
+//   page.cpp   what the browser page calls: walkers that their policies step, one by one
 //   api.cpp    what ctypes calls: picks the task and the instruction set, runs the threads (crew.h)
 //
 // A task has a namespace of its own in that of the instruction set.

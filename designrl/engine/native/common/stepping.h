@@ -101,6 +101,14 @@ void step_group(const Stepping& all, void* memory, int64_t first, int count) {
     group.environments[e].write_observation(all.observations, first + e);
 }
 
+// TaskEntry::group_poses.
+template <class Task>
+void group_poses(const void* memory, int count, double* poses) {
+  const Group<Task>& group = *static_cast<const Group<Task>*>(memory);
+  for (int e = 0; e < count; ++e)
+    group.environments[e].task.poses(group.solver, poses + e * 7 * Task::kParts);
+}
+
 // A task's entry. flags: the names of its bits, separated by spaces.
 template <class Task>
 constexpr TaskEntry task_entry(const char* name, const char* flags) {
@@ -109,12 +117,14 @@ constexpr TaskEntry task_entry(const char* name, const char* flags) {
           Task::kActions,
           Task::kDesign,
           Task::kTerms,
+          Task::kParts,
           flags,
           [] { return sizeof(Thread<Task>); },
           run_episodes<Task>,
           Task::kLanes,
           group_bytes<Task>,
-          step_group<Task>};
+          step_group<Task>,
+          group_poses<Task>};
 }
 
 }  // namespace ENGINE
