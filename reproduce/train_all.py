@@ -41,7 +41,7 @@ FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
 LATER = {"f": 5, "h": 5, "b": 10, "a": 10}
 # Runs with the paper's own settings, by letter and seed, in the order in which they are trained.
 # Fixed before they start, and every one that is begun is published.
-PAPER = "g1 g2 f1 g0 g3 h0 f0 h1 g4 f2 h2 d0 c0 b0 a0".split()
+PAPER = ["g1", "g2", "f1", "g0", "g3", "h0", "f0", "h1", "g4", "f2", "h2", "d0", "c0", "b0", "a0"]
 # As many generations as the paper's Figure 5 shows; elsewhere as many as the paper trained.
 SHOWN = {"f": 8000, "g": 3000, "h": 3000}
 LOOK_SECONDS = 2.0  # between two looks at the runs
