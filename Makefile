@@ -117,7 +117,7 @@ verify-runs verify-zoo: $(READY)
 	@$(BIN)/python -m reproduce.train_all --verify $(if $(ONLY),--only $(ONLY))
 
 verify-engine: $(READY)
-	@$(BIN)/python -m designrl.engine.verify
+	@$(BIN)/python -m designrl.verify
 
 # A second copy of the package, in build/. Python itself is not instrumented: the sanitiser has to be
 # there before it, and what it never frees is not of interest.
@@ -130,7 +130,7 @@ sanitize-engine: $(READY)
 	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)
 	@nm -D $(SANITIZED)/designrl/engine/_native*.so | grep -q __asan_init
 	@cd $(SANITIZED) && $(WATCHED) pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py $(CURDIR)/tests/test_vector_envs.py
-	@cd $(SANITIZED) && $(WATCHED) designrl.engine.verify --episodes $(SANITIZED_EPISODES) --steps 500
+	@cd $(SANITIZED) && $(WATCHED) designrl.verify --episodes $(SANITIZED_EPISODES) --steps 500
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py

@@ -39,9 +39,11 @@ from reproduce.publish import publish
 # How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
 FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
 LATER = {"f": 5, "h": 5, "b": 10, "a": 10}
-SOLVED = 300.0  # points, at which the runs with the paper's own settings end
-PAPER = {"recipe": "paper", "stop_score": SOLVED}
-HEADLINE = ("biped-hardcore-morphology", "biped-hardcore")  # they have such a run, too: Figure 5
+# Runs with the paper's own settings, by letter and seed, in the order in which they are trained.
+# Fixed before they start, and every one that is begun is published.
+PAPER = ["g1", "g2", "f1", "g0", "g3", "h0", "f0", "h1", "g4", "f2", "h2", "d0", "c0", "b0", "a0"]
+# As many generations as the paper's Figure 5 shows; elsewhere as many as the paper trained.
+SHOWN = {"f": 8000, "g": 3000, "h": 3000}
 LOOK_SECONDS = 2.0  # between two looks at the runs
 SAY_SECONDS = 600.0  # between two lines of a run where the output is no terminal
 AGAIN = 3  # generations of a recording that verify compares
@@ -85,8 +87,10 @@ def plan() -> Iterator[Planned]:
 
     first = list(seeds(FIRST, {}))
     yield from first[: len(FIRST)]
-    for name in HEADLINE:
-        yield Planned(TrainSettings.of(name, **PAPER), "paper-seed0")
+    for letter, seed in PAPER:
+        changes = {"generations": SHOWN[letter]} if letter in SHOWN else {}
+        settings = TrainSettings.of(names[letter], "paper", seed=int(seed), **changes)
+        yield Planned(settings, f"paper-seed{seed}")
     yield from first[len(FIRST) :]
     yield from seeds(LATER, FIRST)
 

@@ -192,7 +192,7 @@ def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkey
 
 
 def test_without_a_clone_is_said_where_the_published_agents_are(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("designrl.checkpoint.PRETRAINED", tmp_path / "pretrained")
+    monkeypatch.setattr("designrl.names.PRETRAINED", tmp_path / "pretrained")
     where = "name pretrained/biped/seed0.safetensors in it"
     assert where in refused(capsys, "evaluate", "biped/seed0")
     assert "its folder pretrained" in refused(capsys, "checkpoints")

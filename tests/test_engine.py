@@ -15,7 +15,12 @@ import pytest
 from designrl import engine
 from designrl.bodies.walker import WALKER
 from designrl.engine import Task, act_function, instruction_set, rollout, stepper
-from designrl.engine.verify import (
+from designrl.envs import engine_task
+from designrl.errors import InputError
+from designrl.experiments import Network, get_experiment
+from designrl.policy import Agent, forward_function
+from designrl.simulation import Simulator
+from designrl.verify.episodes import (
     TERRAINS,
     Case,
     author_policies,
@@ -25,11 +30,6 @@ from designrl.engine.verify import (
     run_engine,
     run_reference,
 )
-from designrl.envs import engine_task
-from designrl.errors import InputError
-from designrl.experiments import Network, get_experiment
-from designrl.policy import Agent, forward_function
-from designrl.simulation import Simulator
 
 NETWORK = Network((24, 40, 40, 4))  # the walkers' own
 REASON = engine.missing_reason()

@@ -205,7 +205,9 @@ def find_handle(opened) -> tuple[float, float]:
 
 def test_a_leg_is_dragged_and_the_walker_walks_on(open_page):
     opened = open_page()
-    opened.evaluate(f"document.querySelector('{PLAYGROUND}').scrollIntoView({{behavior: 'instant'}})")
+    opened.evaluate(
+        f"document.querySelector('{PLAYGROUND}').scrollIntoView({{behavior: 'instant'}})"
+    )
     opened.click(f"{PLAYGROUND} [data-at=play]")
     before, (x, y) = scales(opened), find_handle(opened)
     opened.mouse.down()

@@ -20,6 +20,7 @@ from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.recording import read
 from designrl.reinforce import Reinforce
+from designrl.run_folder import RunFolder
 from designrl.settings import ReinforceSettings, TrainSettings
 from designrl.simulation import Simulator
 from designrl.train import TrainingRun
@@ -347,7 +348,7 @@ def test_a_reader_that_leaves_ends_a_run_that_saves_and_fails(tmp_path, monkeypa
 
 def test_two_runs_cannot_share_a_folder(tmp_path):
     first, second = (TrainingRun(settings(generations=2), tmp_path) for _ in range(2))
-    with first._locked_folder(), pytest.raises(InputError, match="in use by another run"):
+    with RunFolder(tmp_path).locked(), pytest.raises(InputError, match="in use by another run"):
         second.run()
     first.run()
     before = file_hash(tmp_path / "state.safetensors")

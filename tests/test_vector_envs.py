@@ -14,7 +14,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 import designrl  # noqa: F401
 from designrl import engine, envs
-from designrl.engine.verify_vector import (
+from designrl.envs import ant
+from designrl.envs.sb3 import EngineVecEnv
+from designrl.errors import InputError
+from designrl.verify.vector import (
     ANT_ID,
     FLAT_ID,
     HARDCORE_ID,
@@ -22,9 +25,6 @@ from designrl.engine.verify_vector import (
     compare_vector,
     difference,
 )
-from designrl.envs import ant
-from designrl.envs.sb3 import EngineVecEnv
-from designrl.errors import InputError
 
 REASON = engine.missing_reason()
 pytestmark = pytest.mark.skipif(REASON is not None, reason=str(REASON))

@@ -5,7 +5,7 @@
 
 Environment, body, policy, physics and reward of a task run in C++ (`native/`), one episode in each
 vector lane, on all threads asked for. Results do not depend on the number of threads, on the vector
-width or on what else is in the batch. `python -m designrl.engine.verify` compares them with the
+width or on what else is in the batch. `python -m designrl.verify` compares them with the
 reference environments. This module knows no task: their names, flags and sizes are the library's.
 """
 
