@@ -464,7 +464,8 @@ def test_what_is_published_and_publishing_again_gives_the_same_files(published_r
         f"logs/biped/seed0/rollouts/generation{load(checkpoint).metadata['generation']:05d}.mcap"
     )
     card_and_curve = [f"pretrained/biped/seed0.{kind}" for kind in ("md", "png", "safetensors")]
-    assert files == ["logs/biped/seed0/generations.mcap", rollout, *card_and_curve]
+    made = ["logs/biped/seed0/generations.mcap", rollout, *card_and_curve]
+    assert files == [*made, "pretrained/index.json"]
     card = checkpoint.with_suffix(".md").read_text()
     assert "designrl train biped --recipe paper --seed 0 --generations 5" in card
     assert f"sha256 {file_hash(checkpoint)}" in card and str(project) not in card
