@@ -14,7 +14,8 @@ from designrl.experiments import EXPERIMENTS
 from designrl.settings import TrainSettings
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+PAGES += [ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SMALL = ["--generations", "1", "--population", "2", "--rollouts", "1", "--evaluation-episodes", "1"]
 
 
