@@ -128,8 +128,9 @@ def speed_answer() -> str:
     printed = scores.paper()["text"]
     theirs = " and ".join(f"{printed[name]['generations']:,}" for name in HARDCORE)
     return (
-        f"**Hardcore, speed: {answer}.** {', '.join(parts)}. The paper's took {theirs} generations. "
-        "Solved is 300 points; [for 250 see the study](docs/studies.md"
+        f"**Hardcore, speed: {answer}.** {', '.join(parts)}. "
+        f"The paper's took {theirs} generations. Solved is 300 points; "
+        "[for 250 see the study](docs/studies.md"
         "#does-a-learned-body-learn-rough-ground-faster)."
     )
 
