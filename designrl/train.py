@@ -70,6 +70,15 @@ class _Progress:
     cpu_seconds: float = 0.0  # processor time; for a pool of processes, wall time times workers
 
 
+def episode_seeds(settings: TrainSettings, generation: int) -> np.ndarray:
+    """(N, R) seeds of a generation; both candidates of a mirrored pair meet the same episodes."""
+    times = 2 if settings.mirrored else 1
+    shape = settings.population // times, settings.rollouts
+    sequence = np.random.SeedSequence(settings.seed, spawn_key=(generation, _EPISODE_STREAM))
+    state = sequence.generate_state(math.prod(shape))
+    return np.tile(state.astype(np.int64).reshape(shape), (times, 1))
+
+
 class TrainingRun:
     """One run in one folder; `run()` goes on from wherever the folder is.
 
@@ -200,7 +209,7 @@ class TrainingRun:
         index = progress.generation
         before, _ = self._snapshot
         candidates = self.candidates()
-        seeds = self._episode_seeds(index)
+        seeds = episode_seeds(settings, index)
         done = 0
 
         def show(count: int) -> None:
@@ -294,16 +303,6 @@ class TrainingRun:
                 f"candidate {error.index} of generation {generation} cannot be simulated "
                 f"({error.reason}); its parameters are in {path}, look there and add --resume"
             ) from error
-
-    def _episode_seeds(self, generation: int) -> np.ndarray:
-        """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
-        settings, key = self.settings, (generation, _EPISODE_STREAM)
-        times = 2 if settings.mirrored else 1
-        shape = settings.population // times, settings.rollouts
-        state = np.random.SeedSequence(settings.seed, spawn_key=key).generate_state(
-            math.prod(shape)
-        )
-        return np.tile(state.astype(np.int64).reshape(shape), (times, 1))
 
     def _account(self, simulator: Simulator, start: tuple[float, float], steps: int) -> float:
         seconds = time.perf_counter() - start[0]

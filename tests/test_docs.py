@@ -1,5 +1,6 @@
 """Every command and snippet of README and docs/ does what it says."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -14,7 +15,8 @@ from designrl.experiments import EXPERIMENTS
 from designrl.settings import TrainSettings
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+PAGES += [ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SMALL = ["--generations", "1", "--population", "2", "--rollouts", "1", "--evaluation-episodes", "1"]
 
 
@@ -122,6 +124,16 @@ def test_the_recipes_in_the_table_are_those_of_the_experiments():
         ]
         cells = re.search(rf"^\| {name} \|(.+)\|$", page, re.MULTILINE)[1]
         assert [cell.strip() for cell in cells.split("|")] == expected
+
+
+def test_readme_says_how_its_pictures_agent_ranks_among_ours():
+    said = re.search(
+        r"The picture shows `((.+)/\w+)`, the best of our (\w+)", (ROOT / "README.md").read_text()
+    )
+    index = json.loads((ROOT / "pretrained/index.json").read_text())
+    means = {name: s["mean"] for name, s in index.items() if name.startswith(f"{said[2]}/seed")}
+    assert max(means, key=means.get) == said[1]
+    assert ("three", "four", "five").index(said[3]) + 3 == len(means)
 
 
 def test_readme_is_finished():

@@ -1,6 +1,7 @@
 """A room stands above all that it uses: no import runs back up."""
 
 import ast
+import re
 import shutil
 from pathlib import Path
 
@@ -115,3 +116,9 @@ def test_the_ground_is_free_of_simulators_and_torch():
         path = next(filter(Path.exists, files))
         names = {name.split(".")[0] for name in imported(ast.parse(path.read_text()).body)}
         assert not names & heavy, f"{path} imports {names & heavy}"
+
+
+def test_the_map_has_every_floor_in_its_order():
+    page = (Path(__file__).resolve().parents[1] / "docs/architecture.md").read_text()
+    floors = page.partition("From the ground up:")[2].partition("\n\nA new module")[0]
+    assert tuple(re.findall(r"`(\w+)`", floors)) == FLOORS

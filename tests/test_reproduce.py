@@ -70,7 +70,8 @@ def stub_scores(agent, episodes, seed, *_):
 def project(tmp_path, monkeypatch):
     """An empty project folder, where evaluations take no time."""
     (tmp_path / "paper").mkdir()
-    (tmp_path / "README.md").write_text(f"# Results\n{readme.START}\nold\n{readme.END}\nmore\n")
+    marks = f"{readme.ANSWERS}\nold\n{readme.ANSWERS_END}\n{readme.START}\nold\n{readme.END}"
+    (tmp_path / "README.md").write_text(f"# Results\n{marks}\nmore\n")
     for name in ("paper.toml", "author.csv"):
         shutil.copyfile(ROOT / "paper" / name, tmp_path / "paper" / name)
     monkeypatch.setattr(scores, "ROOT", tmp_path)
@@ -196,8 +197,12 @@ def test_committed_cards_say_what_their_checkpoints_score(name):
 
 
 def test_readme_has_the_committed_results():
-    block = f"{readme.START}\n{readme.table()}\n{readme.END}"
-    assert block in (ROOT / "README.md").read_text(), "run `make reproduce-readme`"
+    text = (ROOT / "README.md").read_text()
+    for start, content, end in (
+        (readme.ANSWERS, readme.answers(), readme.ANSWERS_END),
+        (readme.START, readme.table(), readme.END),
+    ):
+        assert f"{start}\n{content}\n{end}" in text, "run `make reproduce-readme`"
 
 
 # ------------------------------------------------------------------------------------- dependency
@@ -268,6 +273,7 @@ def test_readme_table_is_put_between_its_marks(project):
     text = (project / "README.md").read_text()
     assert text.startswith("# Results\n") and text.endswith(f"{readme.END}\nmore\n")
     assert "| (c) | Biped " in text and "| 345 ± 1.3 " in text and "| 305 ± 2.9 *" in text
+    assert "Flat ground: not known" in text
     (project / "README.md").write_text(text.replace("345", "999"))
     assert build.make("readme") and (project / "README.md").read_text() == text
 
