@@ -3,12 +3,13 @@
 #   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
+#   make page                        docs/page/index.html: the walker in the browser, and all results
 #   make gallery                     looping pictures of each experiment's best agent
 #   make transfer                    PPO on original and learned bodies (examples/ppo.py), the curves
 #                                    that make reproduce-transfer draws; those there are kept. Hours:
 #                                    make -j2 transfer for two at a time
-#   make zoo                         train and publish every run of Table 3 that is missing
-#   make verify-zoo                  train the first generations of the published runs again
+#   make train-all                   train and publish every run of Table 3 that is missing
+#   make verify-runs                 train the first generations of the published runs again
 #   make test                        the test suite
 #   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
 #                                    million steps of vector environments; make sanitize-engine:
@@ -34,8 +35,8 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup same-python test bench lint reproduce FORCE gallery zoo verify-zoo transfer \
-  verify-engine sanitize-engine verify-resume fuzz clean
+.PHONY: setup same-python test bench lint reproduce FORCE page gallery train-all zoo verify-runs \
+  verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
 
@@ -74,6 +75,8 @@ bench: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@if command -v npx >/dev/null; then npx --yes --package typescript@5.9.3 tsc -p docs/page; \
+	else echo "the types of docs/page/src are not checked: there is no npx"; fi
 
 reproduce: $(READY)
 	@$(BIN)/python -m reproduce.build
@@ -99,18 +102,22 @@ $(TRANSFER)/hardcore/original/seed%.csv: | $(READY)
 $(TRANSFER)/hardcore/learned/seed%.csv: | $(READY)
 	$(CURVE) $(HARDCORE) $(call LEARNED,hardcore)
 
+page: $(READY)
+	@$(BIN)/python -c 'import ziglang' 2>/dev/null || $(PIP) install --quiet -c requirements-extras.lock ziglang
+	@$(BIN)/python -m reproduce.page
+
 gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
 
 # The published runs, one on each core; ONLY="biped ant" for those of some experiments.
-zoo: $(READY)
-	@$(BIN)/python -m reproduce.zoo $(if $(ONLY),--only $(ONLY))
+train-all zoo: $(READY)  # zoo: its old name
+	@$(BIN)/python -m reproduce.train_all $(if $(ONLY),--only $(ONLY))
 
-verify-zoo: $(READY)
-	@$(BIN)/python -m reproduce.zoo --verify $(if $(ONLY),--only $(ONLY))
+verify-runs verify-zoo: $(READY)
+	@$(BIN)/python -m reproduce.train_all --verify $(if $(ONLY),--only $(ONLY))
 
 verify-engine: $(READY)
-	@$(BIN)/python -m designrl.engine.verify
+	@$(BIN)/python -m designrl.verify
 
 # A second copy of the package, in build/. Python itself is not instrumented: the sanitiser has to be
 # there before it, and what it never frees is not of interest.
@@ -123,7 +130,7 @@ sanitize-engine: $(READY)
 	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)
 	@nm -D $(SANITIZED)/designrl/engine/_native*.so | grep -q __asan_init
 	@cd $(SANITIZED) && $(WATCHED) pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py $(CURDIR)/tests/test_vector_envs.py
-	@cd $(SANITIZED) && $(WATCHED) designrl.engine.verify --episodes $(SANITIZED_EPISODES) --steps 500
+	@cd $(SANITIZED) && $(WATCHED) designrl.verify --episodes $(SANITIZED_EPISODES) --steps 500
 
 verify-resume: $(READY)
 	@$(BIN)/python tests/verify_resume.py

@@ -1,7 +1,7 @@
 """Builds the compiled engine; everything else is in pyproject.toml.
 
-The engine is optional: without a C++ compiler or on another processor the installation goes on, and
-training uses the reference environments.
+The engine is optional: without a C++ compiler the installation goes on, and training uses the
+reference environments.
 """
 
 import os
@@ -15,12 +15,12 @@ from setuptools.command.build_ext import build_ext
 
 SOURCES = Path("designrl/engine/native")
 # Each task once for each instruction set; the best one that a processor has is chosen at run time,
-# so one wheel serves every x86-64.
-INSTRUCTION_SETS = {
-    "sse2": [],
-    "avx2": ["-mavx2", "-mfma"],
-    "avx512": ["-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512"],
-}
+# so one wheel serves every x86-64. Elsewhere there is the portable one alone.
+ALL_KINDS = sys.platform.startswith("linux") and platform.machine().lower() in ("x86_64", "amd64")
+INSTRUCTION_SETS = {"portable": ["-DENGINE_PORTABLE"]}
+if ALL_KINDS:
+    avx512 = ["-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512"]
+    INSTRUCTION_SETS |= {"sse2": [], "avx2": ["-mavx2", "-mfma"], "avx512": avx512}
 INTERFACE = [str(SOURCES / "api.cpp")]
 TASKS = sorted(str(path) for path in SOURCES.glob("*/*.cpp"))
 FLAGS = [
@@ -29,7 +29,7 @@ FLAGS = [
     "-g0",
     # Whatever CFLAGS says: the baseline runs anywhere, and the bits must be the reference's, with
     # no product fused into a sum but where the code says so, and without reordered sums.
-    "-march=x86-64",
+    *(["-march=x86-64", "-DENGINE_ALL_KINDS"] if ALL_KINDS else ["-DENGINE_PORTABLE"]),
     "-fno-fast-math",
     "-ffp-contract=off",
     # These give up errno and floating-point traps only, and let comparisons become selects.
@@ -42,16 +42,13 @@ class BuildEngine(build_ext):
     def build_extension(self, extension):
         print("designrl: compiling the engine (about a minute, once)", flush=True)
         try:
-            machine = platform.machine().lower()
-            if machine not in ("x86_64", "amd64") or not sys.platform.startswith("linux"):
-                raise RuntimeError(f"it needs Linux on x86-64, this is {sys.platform} {machine}")
             units = [(source, "baseline", []) for source in INTERFACE]
             units += [
                 (source, name, flags)
                 for source in TASKS
                 for name, flags in INSTRUCTION_SETS.items()
             ]
-            with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
                 objects = sum(pool.map(self.compile_unit, units), [])
             target = self.get_ext_fullpath(extension.name)
             Path(target).parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ __all__ = ["evaluate", "load"]
 def __getattr__(name: str):
     # Loaded on first use, so that `import designrl` for an environment does not wait for torch.
     if name == "load":
-        return importlib.import_module("designrl.checkpoint").load
+        return importlib.import_module("designrl.names").load
     if name == "evaluate":
         return importlib.import_module("designrl.evaluation").evaluate
     raise AttributeError(f"module 'designrl' has no attribute {name!r}")

@@ -10,7 +10,6 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +18,9 @@ import safetensors.numpy
 from mcap.writer import MCAP0_MAGIC
 
 from designrl.errors import InputError, printable
-from designrl.experiments import EXPERIMENTS, Experiment, Network, get_experiment
+from designrl.experiments import Network, get_experiment
 from designrl.files import file_hash, read_limited, write_atomically
 from designrl.policy import Agent
-from designrl.provenance import versions
 
 FORMAT = "designrl checkpoint 1"
 STATE_FORMAT = "designrl training state 1"
@@ -33,79 +31,14 @@ _WHAT_TO_DO = {
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 MAX_DEPTH = 20  # of values in the metadata; ours is 3
-PRETRAINED = Path(__file__).resolve().parents[1] / "pretrained"  # in a clone, beside the package
 
 
-def find(name: str | Path) -> Path:
-    """The file that is meant: itself, a run's best agent, or a published agent in a clone.
-
-    Args:
-        name: a file, the folder of a run, or "biped-morphology/seed0" for the published agent in
-            `pretrained/`.
+def read_bounded(path: Path) -> bytes:
+    """The content of what should be a checkpoint, ours or the author's.
 
     Raises:
-        InputError: a published agent's name where there is none, or an experiment's; a run without
-            an agent.
+        InputError: missing, a recording, or too large to be one.
     """
-    path = Path(name)
-    if (path / "best.safetensors").is_file():
-        return path / "best.safetensors"
-    run = path.parent if path.name == "best.safetensors" else path
-    if (run / "generations.mcap").is_file() and not path.is_file():
-        raise InputError(
-            f"{run} has no agent; a run keeps its first one at its first evaluation (go on with "
-            "--resume), and those of published runs are in pretrained/"
-        )
-    if path.exists():
-        return path
-    if str(path) in EXPERIMENTS:
-        raise InputError(f"{path} is an experiment; name an agent of `designrl checkpoints`")
-    if not _is_name(path):
-        return path
-    if not PRETRAINED.is_dir():
-        raise InputError(
-            f"the published agent {name} is not installed with the package; get designrl's "
-            f"repository and name pretrained/{name}.safetensors in it"
-        )
-    published = PRETRAINED / f"{path}.safetensors"
-    if not published.is_file():
-        raise InputError(f"there is no agent {name}; `designrl checkpoints` lists those there are")
-    return published
-
-
-def find_run(name: str | Path) -> Path:
-    """The run or recording that is meant: itself, or in a clone the published run of that name."""
-    published = PRETRAINED.parent / "logs" / name
-    meant = _is_name(Path(name)) and published.is_dir() and not Path(name).exists()
-    return published if meant else Path(name)
-
-
-def _is_name(path: Path) -> bool:
-    return str(path.parent) in EXPERIMENTS and bool(re.fullmatch(r"(paper-)?seed\d+", path.name))
-
-
-def published_agents() -> dict[str, str]:
-    """Names of the published agents -> their scores on their cards, as text.
-
-    Raises:
-        InputError: they are not beside the package.
-    """
-    if not PRETRAINED.is_dir():
-        raise InputError(
-            "the published agents are not installed with the package; get designrl's repository "
-            "and look into its folder pretrained"
-        )
-    found = {}
-    for experiment in EXPERIMENTS:
-        cards = (PRETRAINED / experiment).glob("*seed*.md")
-        for card in sorted(cards, key=lambda path: (len(path.name), path.name)):
-            score = re.search(r"\*\*Score\*\* (.+?) over (\S+)", card.read_text(encoding="utf-8"))
-            found[f"{experiment}/{card.stem}"] = "{} over {} episodes".format(*score.groups())
-    return found
-
-
-def _read(path: Path) -> bytes:
-    """The content of what should be one of our files."""
     data = read_limited(path, MAX_FILE_BYTES)
     if data.startswith(MCAP0_MAGIC):
         raise InputError(
@@ -126,7 +59,7 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
         InputError: missing, too large, damaged or not of that format.
     """
     path = Path(path)
-    data = _read(path)
+    data = read_bounded(path)
     part = "whole " if data[8:9] in (b"", b"{") else ""  # there, any safetensors' header begins
     damaged = f"{path} is not a {part}{format_name} file; {_WHAT_TO_DO[format_name]}"
     header_bytes = int.from_bytes(data[:8], "little")
@@ -197,21 +130,16 @@ def save(agent: Agent, path: str | Path) -> None:
 
 
 def load(path: str | Path, experiment: str | None = None) -> Agent:
-    """The agent of a checkpoint, or of a 2018 JSON file where `experiment` is given.
+    """The agent of a checkpoint.
 
     Args:
-        path: a `.safetensors` file of ours, or what else `find` takes, or a `.json` file of the
-            2018 repositories.
-        experiment: needed for the latter; for a checkpoint, what it must be of.
+        path: the file (`designrl.names.load` takes names, too).
+        experiment: what it must be of, if anything.
 
     Raises:
         InputError: missing, damaged, of another experiment, or with numbers that are not finite.
     """
-    path = find(path)
-    if path.suffix == ".json":
-        if experiment is None:
-            raise InputError(f"{path} does not say what it was trained for; add --experiment NAME")
-        return load_published(path, get_experiment(experiment))
+    path = Path(path)
     tensors, metadata = read_tensors(path, FORMAT)
     try:
         found = get_experiment(metadata["experiment"])
@@ -228,62 +156,13 @@ def load(path: str | Path, experiment: str | None = None) -> Agent:
     return agent
 
 
-def load_published(path: str | Path, experiment: Experiment) -> Agent:
-    """The agent of a JSON file of the 2018 repositories: `[parameters, score]`.
-
-    Raises:
-        InputError: missing, not such a list, or of another length than the experiment's networks.
-    """
-    path = Path(path)
-    parameters, score = _read_published(path)
-    network = experiment.network
-    for other in experiment.other_networks:
-        if parameters.shape == (experiment.parameters_with(other),):
-            network = other
-    metadata = {
-        "source": f"published weights of 2018 ({path.name})",
-        "source_sha256": file_hash(path),
-        "score": score,
-        "versions": versions(),
-    }
-    try:
-        return Agent(experiment, parameters, network, metadata)
-    except InputError as error:
-        raise InputError(f"{path} cannot be used as {experiment.name}: {error}") from None
-
-
-def fitting(parameters: int) -> list[str]:
-    """Names of the experiments whose agents have so many parameters."""
-    return [
-        name
-        for name, e in EXPERIMENTS.items()
-        if parameters in (e.parameters_with(network) for network in e.networks)
-    ]
-
-
-def _read_published(path: Path) -> tuple[np.ndarray, float]:
-    data = _read(path)
-    try:
-        parameters, score = json.loads(data.decode())
-        return np.array(parameters, dtype=np.float64), float(score)
-    except (ValueError, TypeError, RecursionError, OverflowError):
-        raise InputError(
-            f"{path} is not a 2018 weights file; name a .json that holds [parameters, score]"
-        ) from None
-
-
 def describe(path: str | Path) -> str:
-    """What a checkpoint, training state or 2018 .json holds and where it came from, as text.
+    """What a checkpoint or training state holds and where it came from, as text.
 
     Raises:
         InputError: as `load`.
     """
     path = Path(path)
-    if path.suffix == ".json":
-        parameters, score = _read_published(path)
-        text = f"{path}: published weights of 2018, {parameters.size} numbers, score {score:.2f}"
-        fits = ", ".join(fitting(parameters.size)) or "none"
-        return printable(f"{text}; experiments with as many: {fits}")
     with contextlib.suppress(InputError):  # if it is no state, `load` says what is wrong
         _, state = read_tensors(path, STATE_FORMAT)
         progress = state.get("progress")

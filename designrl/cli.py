@@ -16,7 +16,7 @@ from pathlib import Path
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import is_locked, read_limited, require_new
-from designrl.provenance import VERSION
+from designrl.provenance import VERSION, core_count
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 
 EXIT_INPUT = 2
@@ -52,7 +52,7 @@ def _experiments(_args) -> None:
         size = e.design.size if e.design else 0
         about = f"{e.name:38} {f'({e.letter})':6} {'-'.join(map(str, e.network.sizes)):13} {size:5}"
         paper = TrainSettings.of(e)
-        for recipe in RECIPES:
+        for recipe in ("paper", "ours"):
             settings = TrainSettings.of(e, recipe)
             words = [f"{settings.population} × {settings.rollouts}"]
             words += [f"{settings.generations:,} generations"]
@@ -119,8 +119,8 @@ def _train(args) -> None:
 def _evaluate(args) -> None:
     from tqdm import tqdm
 
-    from designrl.checkpoint import load
     from designrl.evaluation import evaluate
+    from designrl.names import load
     from designrl.recording.table import check_target, write_table
 
     if args.output:
@@ -150,11 +150,12 @@ def _evaluate(args) -> None:
 
 
 def _import(args) -> None:
-    from designrl.checkpoint import fitting, load_published, save
+    from designrl.author import fitting, load_author
+    from designrl.checkpoint import save
 
     require_new(args.output)
     _require_suffix(args.output, ".safetensors")
-    agent = load_published(args.file, get_experiment(args.experiment))
+    agent = load_author(args.file, get_experiment(args.experiment))
     save(agent, args.output)
     others = [name for name in fitting(len(agent.parameters)) if name != args.experiment]
     doubt = "; by its size the file could as well be of " + " or ".join(others) if others else ""
@@ -167,8 +168,8 @@ def _require_suffix(path: str, suffix: str) -> None:
 
 
 def _record(args) -> None:
-    from designrl.checkpoint import load
     from designrl.evaluation import check_episodes, episode_seeds
+    from designrl.names import load
 
     if not (args.output or args.video):
         raise InputError("name what to write: -o FILE.mcap, --video FILE.mp4, or both")
@@ -199,7 +200,7 @@ def _record(args) -> None:
 
 
 def _replay(args) -> None:
-    from designrl.checkpoint import find_run
+    from designrl.names import find_run
 
     args.files = [find_run(file) for file in args.files]
     if args.video:
@@ -234,7 +235,7 @@ def _film(args) -> None:
 
 
 def _info(args) -> None:
-    from designrl.checkpoint import find
+    from designrl.names import find
 
     inside = (Path(args.file) / name for name in ("best.safetensors", "generations.mcap"))
     for path in [path for path in inside if path.exists()] or [find(args.file)]:
@@ -246,6 +247,8 @@ def _describe(path: Path) -> None:
 
     if path.suffix == ".mcap" or read_limited(path, 8).startswith(MCAP0_MAGIC):
         from designrl.recording import describe
+    elif path.suffix == ".json":
+        from designrl.author import describe
     else:
         from designrl.checkpoint import describe
     print(describe(path))
@@ -264,10 +267,12 @@ def _export(args) -> None:
 
 
 def _checkpoints(_args) -> None:
-    from designrl.checkpoint import published_agents
+    from designrl.names import our_agents
 
-    for name, score in published_agents().items():
-        print(f"{name:44} {score}")
+    for name, about in our_agents().items():
+        print(
+            f"{name:44} {about['mean']:.1f} ± {about['std']:.1f} over {about['episodes']} episodes"
+        )
 
 
 def parser() -> argparse.ArgumentParser:
@@ -297,7 +302,7 @@ def parser() -> argparse.ArgumentParser:
         group.add_argument(
             "--workers",
             type=int,
-            default=len(os.sched_getaffinity(0)),
+            default=core_count(),
             help="processes or threads (default: %(default)s); they do not change the result",
         )
 
@@ -308,8 +313,8 @@ def parser() -> argparse.ArgumentParser:
     train.add_argument(
         "--recipe",
         default="paper",
-        help=f"settings to start from: {', '.join(RECIPES)} or plain (default: paper); zoo is "
-        "ours, one for every seed, plain has the paper's equations as written",
+        help=f"settings to start from: {', '.join(RECIPES)} (default: paper); ours is one for "
+        "every seed, plain has the paper's equations as written",
     )
     for setting in dataclasses.fields(TrainSettings):
         if setting.name == "experiment":
@@ -356,7 +361,7 @@ def parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     workers(evaluate, evaluate)
 
-    convert = command("import", _import, "convert a 2018 .json of published weights")
+    convert = command("import", _import, "convert a 2018 .json of the author's weights")
     convert.add_argument("file", metavar="FILE.json")
     convert.add_argument("--experiment", required=True, help="what it was trained for")
     convert.add_argument("-o", "--output", required=True, metavar="FILE.safetensors")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from designrl.checkpoint import load
 from designrl.errors import InputError
+from designrl.names import load
 from designrl.policy import Agent
 from designrl.settings import MAX_EPISODES
 from designrl.simulation import Simulator

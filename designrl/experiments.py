@@ -11,7 +11,8 @@ from designrl.bodies.walker import WALKER
 from designrl.design import DesignSpace
 from designrl.errors import InputError
 
-RECIPES = ("paper", "zoo")
+RECIPES = ("paper", "ours", "plain")
+OLD_NAMES = {"zoo": "ours"}  # of recipes, which recordings and notes still have
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Experiment:
         network: the policy, as the paper's text gives it.
         learns_design: the body's dimensions are learned with the policy.
         paper: the paper's settings (section 4), by the names of `TrainSettings`.
-        zoo: our recipe, one for every seed, likewise.
+        ours: our recipe, one for every seed, likewise.
         training_kwargs: keywords of the environment that hold in training alone.
         shaping: what the published code changes of the rewards in training; None: nothing.
         other_networks: that its agents may have, too.
@@ -83,7 +84,7 @@ class Experiment:
     network: Network
     learns_design: bool
     paper: Mapping = field(default_factory=dict)
-    zoo: Mapping = field(default_factory=dict)
+    ours: Mapping = field(default_factory=dict)
     training_kwargs: Mapping = field(default_factory=dict)
     shaping: Shaping | None = None
     other_networks: tuple[Network, ...] = ()
@@ -123,7 +124,7 @@ PUBLISHED_ANT_NETWORK = Network((29, 140, 40, 8), "linear", time_scale=1000.0, n
 
 # What our recipes have in common: fewer episodes a generation than the paper's 192 × 16, a
 # learning rate that falls, and the distribution's mean as the agent.
-_ZOO = {
+_OURS = {
     "population": 48,
     "rollouts": 2,
     "learning_rate_decay": 0.9997,
@@ -133,8 +134,8 @@ _ZOO = {
     "evaluation_episodes": 192,
 }
 # With few candidates an ant needs a third of the steps (docs/studies.md): updates are scarce.
-_ZOO_ANT = {
-    **_ZOO,
+_OURS_ANT = {
+    **_OURS,
     "rollouts": 1,
     "generations": 16000,
     "learning_rate_decay": 0.99985,
@@ -143,15 +144,15 @@ _ZOO_ANT = {
     "evaluate_every": 200,
 }
 # Falls decide hardcore's scores, and the ranks of few episodes hardly see them.
-_ZOO_HARDCORE = {
+_OURS_HARDCORE = {
     "population": 192,
     "rollouts": 4,
     "generations": 6000,
     "sigma_decay": 0.9997,
 }
 # The original body learns less than half as fast there, so its schedule is twice as long.
-_ZOO_HARDCORE_ORIGINAL = {
-    **_ZOO_HARDCORE,
+_OURS_HARDCORE_ORIGINAL = {
+    **_OURS_HARDCORE,
     "generations": 12000,
     "learning_rate_decay": 0.99985,
     "sigma_decay": 0.99985,
@@ -162,7 +163,7 @@ def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> E
     return Experiment(
         *(name, letter, title, "designrl/Ant-v0", ANT, ANT_NETWORK, learns_design),
         paper={"generations": 3000},
-        zoo=_ZOO_ANT,
+        ours=_OURS_ANT,
         **kwargs,
     )
 
@@ -170,10 +171,10 @@ def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> E
 def _walker(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
     env_id, paper = "designrl/BipedalWalker-v0", {"generations": 5000, "shaped_rewards": True}
     # The original body learns more slowly: after 5,000 it still rises.
-    zoo = {**paper, **_ZOO, "generations": 5000 if learns_design else 7000}
+    ours = {**paper, **_OURS, "generations": 5000 if learns_design else 7000}
     return Experiment(
         *(name, letter, title, env_id, WALKER, WALKER_NETWORK, learns_design),
-        **{"paper": paper, "zoo": zoo, "shaping": Shaping(), **kwargs},
+        **{"paper": paper, "ours": ours, "shaping": Shaping(), **kwargs},
     )
 
 
@@ -183,7 +184,7 @@ def _hardcore(name: str, letter: str, title: str, learns_design: bool, **kwargs)
         flat,
         env_id="designrl/BipedalWalkerHardcore-v0",
         paper={**flat.paper, "generations": 10000},
-        zoo={**flat.zoo, **(_ZOO_HARDCORE if learns_design else _ZOO_HARDCORE_ORIGINAL)},
+        ours={**flat.ours, **(_OURS_HARDCORE if learns_design else _OURS_HARDCORE_ORIGINAL)},
     )
 
 

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from designrl.errors import InputError, printable
 from designrl.policy import Agent
-from designrl.recording import RunWriter, read, record_rollout
+from designrl.recording import Generation, RunWriter, read, record_rollout
 from designrl.train import TrainingRun
 
 CALIBRATION_SECONDS = 3.0  # of simulation, after the workers have started
@@ -94,15 +94,17 @@ def recorded_bytes(run: TrainingRun, longest: int) -> tuple[float, float]:
             before = path.stat().st_size
             for index in range(_SAMPLE_GENERATIONS):
                 writer.generation(
-                    index=index,
-                    mu=rng.standard_normal(size),
-                    sigma=rng.uniform(0.02, 0.1, size),
-                    returns=rng.normal(0, 300, shape),
-                    steps=rng.integers(1, 2000, shape),
-                    seeds=rng.integers(0, 2**32, shape),
-                    seconds=rng.random(),
-                    cpu_seconds=rng.random(),
-                    total_steps=2**40,
+                    Generation(
+                        index=index,
+                        mu=rng.standard_normal(size),
+                        sigma=rng.uniform(0.02, 0.1, size),
+                        returns=rng.normal(0, 300, shape),
+                        steps=rng.integers(1, 2000, shape),
+                        seeds=rng.integers(0, 2**32, shape),
+                        seconds=rng.random(),
+                        cpu_seconds=rng.random(),
+                        total_steps=2**40,
+                    )
                 )
         generation = (path.stat().st_size - before) / _SAMPLE_GENERATIONS
         path = Path(folder) / "rollout.mcap"

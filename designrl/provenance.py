@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib.metadata
+import os
 import platform
 from contextlib import suppress
 from functools import cache
@@ -9,9 +10,27 @@ from pathlib import Path
 
 VERSION = "0.1.0"
 LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
-# What a score depends on; the rest (recordings, viewer, command line) may change without it.
-_SCORING_SOURCES = ("bodies", "design.py", "engine", "envs", "experiments.py", "numeric.py")
-_SCORING_SOURCES += ("policy.py", "evaluation.py", "simulation.py", "workers.py")
+# All that evaluation imports: what a score depends on. The rest (training, recordings, viewer,
+# command line) may change without it.
+SCORING_SOURCES = (
+    "errors.py",
+    "numeric.py",
+    "files.py",
+    "provenance.py",
+    "design.py",
+    "engine",
+    "bodies",
+    "envs",
+    "experiments.py",
+    "policy.py",
+    "settings.py",
+    "workers.py",
+    "simulation.py",
+    "checkpoint.py",
+    "author.py",
+    "names.py",
+    "evaluation.py",
+)
 
 
 @cache
@@ -24,13 +43,20 @@ def versions() -> dict[str, str]:
 def sources_hash() -> str:
     """Hash of the sources that a score depends on (16 hex digits): names the code without git."""
     root = Path(__file__).parent
-    files = [root / name for name in _SCORING_SOURCES]
+    files = [root / name for name in SCORING_SOURCES]
     files += [path for folder in files if folder.is_dir() for path in folder.rglob("*")]
     digest = hashlib.sha256()
     for path in sorted(files):
         if path.suffix in (".py", ".cpp", ".h"):
             digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def core_count() -> int:
+    """How many processors this process may use; where the system does not tell (macOS), all."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def processor() -> str:

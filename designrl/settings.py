@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Integral, Real
 
 from designrl.errors import InputError
-from designrl.experiments import RECIPES, Experiment, get_experiment, register
+from designrl.experiments import OLD_NAMES, RECIPES, Experiment, get_experiment, register
 
 _KINDS = {  # of a setting: what it may be, and what that is called
     bool: (bool, "true or false"),
@@ -138,7 +138,7 @@ class TrainSettings(ReinforceSettings):
 
         Args:
             experiment: name, or an Experiment, which becomes known by its name.
-            recipe: "paper": the paper's numbers, the published code's algorithm; "zoo": ours,
+            recipe: "paper": the paper's numbers, the published code's algorithm; "ours": ours,
                 one for every seed; "plain": the paper's numbers and equations 3 to 5 as written.
 
         Raises:
@@ -147,8 +147,9 @@ class TrainSettings(ReinforceSettings):
         """
         found = get_experiment(experiment)
         register(found)
-        if recipe not in (*RECIPES, "plain"):
-            raise InputError(f"recipe is {recipe!r}; it must be one of {', '.join(RECIPES)}, plain")
+        recipe = OLD_NAMES.get(recipe, recipe)
+        if recipe not in RECIPES:
+            raise InputError(f"recipe is {recipe!r}; it must be one of {', '.join(RECIPES)}")
         base = {**found.paper, **PLAIN_CHANGES} if recipe == "plain" else getattr(found, recipe)
         return cls(experiment=found.name, **{**base, **changes})
 
@@ -197,7 +198,7 @@ class TrainSettings(ReinforceSettings):
     def command(self) -> str:
         """The shortest command that gives this run's result."""
         found = []
-        for recipe in (*RECIPES, "plain"):
+        for recipe in RECIPES:
             base = vars(TrainSettings.of(self.experiment, recipe, seed=self.seed))
             changes = [option(name, x) for name, x in vars(self).items() if x != base[name]]
             start = f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"

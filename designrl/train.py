@@ -8,15 +8,13 @@ all since 2013: without it, PyTorch adds in another order).
 """
 
 import dataclasses
-import fcntl
 import json
 import math
 import os
 import platform
-import stat
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -28,18 +26,15 @@ from tqdm import tqdm
 from designrl import checkpoint
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
-from designrl.files import remove_unfinished
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
-from designrl.recording import RunWriter, record_rollout
+from designrl.recording import Generation, RunWriter, record_rollout
 from designrl.reinforce import Reinforce
+from designrl.run_folder import RunFolder
 from designrl.settings import TrainSettings
 from designrl.simulation import CandidateError, Simulator
 
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
-RESULTS = ("best.safetensors", "generations.mcap", "rollouts")
-# Names of all files that a run writes, as a regular expression.
-WRITTEN = r"(best|state|failed-generation\d+-candidate\d+)\.safetensors|generation(s|\d+)\.mcap"
 CANDIDATE_DECIMALS = 4  # the published code sends candidates to its workers in fixed point
 
 # Spawn keys of the run's SeedSequence; `designrl.reinforce` has (generation, 0) for the samples.
@@ -73,6 +68,15 @@ class _Progress:
     total_steps: int = 0  # environment steps, evaluations included
     seconds: float = 0.0  # wall time
     cpu_seconds: float = 0.0  # processor time; for a pool of processes, wall time times workers
+
+
+def episode_seeds(settings: TrainSettings, generation: int) -> np.ndarray:
+    """(N, R) seeds of a generation; both candidates of a mirrored pair meet the same episodes."""
+    times = 2 if settings.mirrored else 1
+    shape = settings.population // times, settings.rollouts
+    sequence = np.random.SeedSequence(settings.seed, spawn_key=(generation, _EPISODE_STREAM))
+    state = sequence.generate_state(math.prod(shape))
+    return np.tile(state.astype(np.int64).reshape(shape), (times, 1))
 
 
 class TrainingRun:
@@ -115,20 +119,19 @@ class TrainingRun:
             self.experiment.num_parameters, settings.population, settings, settings.seed
         )
         self.progress = _Progress()
-        self._state_path = self.out / "state.safetensors"
-        self._lock = None  # the open file, while it runs
+        self._folder = RunFolder(out)
         self._open()
 
     def _open(self) -> None:
-        self._check_folder()
-        if self._resume and self._state_path.exists():
+        self._folder.check()
+        if self._resume and self._folder.state.exists():
             self._load_state()
-        elif self._state_path.exists():
+        elif self._folder.state.exists():
             raise InputError(
                 f"{self.out} already holds a run; add --resume to go on with it, or choose another "
                 "folder with --out"
             )
-        elif any((self.out / name).exists() for name in RESULTS):
+        elif self._folder.has_results:
             raise InputError(
                 f"{self.out} holds results of a run but no state.safetensors to go on with; choose "
                 "another folder with --out"
@@ -159,10 +162,9 @@ class TrainingRun:
         """
         # Sums over candidates must not depend on the machine's number of cores.
         torch.set_num_threads(1)
-        with self._locked_folder():
+        with self._folder.locked():
             self._open()  # another run may have used the folder until now
-            for folder in (self.out, self.out / "rollouts"):
-                remove_unfinished(folder, WRITTEN)
+            self._folder.clean()
             with self.simulator() as simulator:  # refuses what it must before anything is written
                 self._save_state()  # before the recording, so that whatever a kill leaves can go on
                 self._resume = True
@@ -172,7 +174,7 @@ class TrainingRun:
         generation = self.progress.generation
         with (
             RunWriter(
-                self.out / "generations.mcap",
+                self._folder.recording,
                 self._metadata(),
                 resume_generation=generation,
             ) as recorder,
@@ -207,7 +209,7 @@ class TrainingRun:
         index = progress.generation
         before, _ = self._snapshot
         candidates = self.candidates()
-        seeds = self._episode_seeds(index)
+        seeds = episode_seeds(settings, index)
         done = 0
 
         def show(count: int) -> None:
@@ -223,15 +225,17 @@ class TrainingRun:
         steps = int(result.steps.sum())
         seconds = self._account(simulator, start, steps)
         recorder.generation(
-            index=index,
-            mu=before["mu"],
-            sigma=before["sigma"],
-            returns=result.returns,
-            steps=result.steps,
-            seeds=seeds,
-            seconds=progress.seconds,
-            cpu_seconds=progress.cpu_seconds,
-            total_steps=progress.total_steps,
+            Generation(
+                index=index,
+                mu=before["mu"],
+                sigma=before["sigma"],
+                returns=result.returns,
+                steps=result.steps,
+                seeds=seeds,
+                total_steps=progress.total_steps,
+                seconds=progress.seconds,
+                cpu_seconds=progress.cpu_seconds,
+            )
         )
         if progress.generation % settings.evaluate_every == 0 or self.finished:
             mean = optimiser.state()["mu"].round(CANDIDATE_DECIMALS)
@@ -270,7 +274,7 @@ class TrainingRun:
             score_episodes=episodes,
             environment_steps=progress.total_steps,
         )
-        self._check_folder()
+        self._folder.check()
         recorder.evaluation(
             index=generation - 1,
             scores=result.returns[0],
@@ -278,10 +282,10 @@ class TrainingRun:
             seeds=seeds[0],
             kept=kept,
         )
-        record_rollout(agent, self.out / "rollouts" / f"generation{generation:05d}.mcap", 0)
+        record_rollout(agent, self._folder.rollout(generation), 0)
         if kept:
             progress.best_score, progress.best_generation = score, generation
-            checkpoint.save(agent, self.out / "best.safetensors")
+            checkpoint.save(agent, self._folder.best)
 
     def _agent(self, parameters: np.ndarray, **about) -> Agent:
         about |= {"seed": self.settings.seed, "generation": self.progress.generation}
@@ -292,24 +296,13 @@ class TrainingRun:
             return simulator.rollout(candidates, seeds, True, shaped, progress)
         except CandidateError as error:
             generation = self.progress.generation
-            name = f"failed-generation{generation:05d}-candidate{error.index}.safetensors"
-            path = self.out / name
+            path = self._folder.failed(generation, error.index)
             about = {"failure": error.reason, "episode_seeds": error.seeds.tolist()}
             checkpoint.save(self._agent(candidates[error.index], **about), path)
             raise InputError(
                 f"candidate {error.index} of generation {generation} cannot be simulated "
                 f"({error.reason}); its parameters are in {path}, look there and add --resume"
             ) from error
-
-    def _episode_seeds(self, generation: int) -> np.ndarray:
-        """(N, R) seeds; both candidates of a mirrored pair meet the same episodes."""
-        settings, key = self.settings, (generation, _EPISODE_STREAM)
-        times = 2 if settings.mirrored else 1
-        shape = settings.population // times, settings.rollouts
-        state = np.random.SeedSequence(settings.seed, spawn_key=key).generate_state(
-            math.prod(shape)
-        )
-        return np.tile(state.astype(np.int64).reshape(shape), (times, 1))
 
     def _account(self, simulator: Simulator, start: tuple[float, float], steps: int) -> float:
         seconds = time.perf_counter() - start[0]
@@ -344,15 +337,15 @@ class TrainingRun:
         self._snapshot = self.optimiser.state(), metadata
 
     def _save_state(self, recorder: RunWriter | None = None) -> None:
-        self._check_folder()
+        self._folder.check()
         if recorder:
             recorder.flush()
         tensors, metadata = self._snapshot
-        checkpoint.write_tensors(self._state_path, tensors, metadata, checkpoint.STATE_FORMAT)
+        checkpoint.write_tensors(self._folder.state, tensors, metadata, checkpoint.STATE_FORMAT)
 
     def _load_state(self) -> None:
-        tensors, metadata = checkpoint.read_tensors(self._state_path, checkpoint.STATE_FORMAT)
-        damaged = InputError(f"{self._state_path} is damaged; start again in another folder")
+        tensors, metadata = checkpoint.read_tensors(self._folder.state, checkpoint.STATE_FORMAT)
+        damaged = InputError(f"{self._folder.state} is damaged; start again in another folder")
         try:
             for name, ours in self.settings.as_dict().items():
                 theirs = metadata["settings"].get(name)
@@ -371,13 +364,13 @@ class TrainingRun:
         try:
             self.optimiser.restore(tensors)
         except InputError as error:
-            raise InputError(f"{self._state_path} cannot be used: {error}") from None
+            raise InputError(f"{self._folder.state} cannot be used: {error}") from None
         self._check_best(progress)
         self.progress = progress
 
     def _check_best(self, progress: _Progress) -> None:
         """The kept agent is this run's, and not older than the state."""
-        path = self.out / "best.safetensors"
+        path = self._folder.best
         kept, mend = progress.best_generation, "put it back, or start again in another folder"
         if not path.exists():
             if kept is not None:
@@ -396,56 +389,3 @@ class TrainingRun:
         )
         if settings != self.settings.as_dict() or not (of_now or later):
             raise InputError(f"{path} is not what this run kept at generation {kept}; {mend}")
-
-    def _check_folder(self) -> None:
-        """Nothing in the folder leads elsewhere, and it is the one that the run has locked."""
-        for name in (*RESULTS, "state.safetensors", ".lock"):
-            path = self.out / name
-            is_fine, kind = (
-                (stat.S_ISDIR, "folder") if name == "rollouts" else (stat.S_ISREG, "file")
-            )
-            try:
-                if not is_fine(path.lstat().st_mode):
-                    raise InputError(
-                        f"{path} is not a plain {kind}; remove it, or choose another folder with "
-                        "--out"
-                    )
-            except FileNotFoundError:
-                pass
-            except OSError as error:
-                raise self._unusable(error) from None
-        if self._lock is None:
-            return
-        try:
-            ours = os.path.samestat((self.out / ".lock").lstat(), os.fstat(self._lock))
-        except OSError:
-            ours = False
-        if not ours:
-            raise InputError(
-                f"{self.out} was removed, renamed or replaced under the run; put it back, or name "
-                "it as it is now with --out, and add --resume"
-            )
-
-    def _unusable(self, error: OSError) -> InputError:
-        return InputError(
-            f"{self.out} cannot be used as the run's folder ({error.strerror}); choose another "
-            "with --out"
-        )
-
-    @contextmanager
-    def _locked_folder(self):
-        try:
-            self.out.mkdir(parents=True, exist_ok=True)
-            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
-            self._lock = os.open(self.out / ".lock", flags, 0o666)
-        except OSError as error:
-            raise self._unusable(error) from None
-        try:
-            try:
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise InputError(f"{self.out} is in use by another run; wait for it") from None
-            yield
-        finally:
-            os.close(self._lock)
-            self._lock = None

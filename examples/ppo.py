@@ -32,16 +32,16 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 import designrl
 from designrl.bodies.walker import WALKER
-from designrl.checkpoint import find
 from designrl.envs import engine_reason
 from designrl.envs.sb3 import EngineVecEnv
 from designrl.errors import InputError, remark
 from designrl.files import file_hash, write_atomically
+from designrl.names import find
 from designrl.provenance import VERSION, processor
 
 FLAT = {
     "n_steps": 2048,
-    "batch_size": 512,  # the zoo: 64
+    "batch_size": 512,  # RL Baselines3 Zoo: 64
     "gae_lambda": 0.95,
     "gamma": 0.999,
     "n_epochs": 10,
@@ -50,11 +50,11 @@ FLAT = {
     "clip_range": 0.18,
 }
 HARDCORE = FLAT | {
-    "n_steps": 512,  # of 64 environments; the zoo: 2048 of 16
-    "batch_size": 2048,  # the zoo: 64
+    "n_steps": 512,  # of 64 environments; RL Baselines3 Zoo: 2048 of 16
+    "batch_size": 2048,  # RL Baselines3 Zoo: 64
     "gamma": 0.99,
     "ent_coef": 0.001,
-    # By the share of the training that is left. The zoo: 2.5e-4
+    # By the share of the training that is left. RL Baselines3 Zoo: 2.5e-4
     "learning_rate": lambda left: 6e-4 * left,
     "clip_range": lambda left: 0.2 * left,
 }

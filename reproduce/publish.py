@@ -8,6 +8,7 @@ steps of a rollout of the agent; all that the run's folder holds is not needed a
 """
 
 import argparse
+import json
 import shutil
 from pathlib import Path
 
@@ -15,9 +16,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tabulate import tabulate
 
-from designrl.checkpoint import load
 from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
+from designrl.names import load
 from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
@@ -67,9 +69,30 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
     record_rollout(agent, rollout, scores.SEED, steps=ROLLOUT_STEPS)
     write_atomically(checkpoint, content)
     learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
-    text = card(scores.score(checkpoint, agent.experiment.name), recorded)
-    write_atomically(checkpoint.with_suffix(".md"), text.encode())
+    found = scores.score(checkpoint, agent.experiment.name)
+    write_atomically(checkpoint.with_suffix(".md"), card(found, recorded).encode())
+    add_to_index(found)
     return f"{checkpoint}, its card, its curve and {log} written"
+
+
+def add_to_index(s: Score) -> None:
+    """Write a checkpoint's score to pretrained/index.json, which `designrl checkpoints` lists."""
+    folder = scores.ROOT / "pretrained"
+    path = folder / "index.json"
+    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    found[s.path.relative_to(folder).with_suffix("").as_posix()] = {
+        "mean": round(s.mean, 1),
+        "std": round(s.std, 1),
+        "episodes": len(s.returns),
+    }
+    names = list(EXPERIMENTS)
+
+    def place(name: str) -> tuple:
+        experiment, run = name.split("/")
+        return names.index(experiment), len(run), run
+
+    index = {name: found[name] for name in sorted(found, key=place)}
+    write_atomically(path, json.dumps(index, indent=1).encode() + b"\n")
 
 
 def learning_curve(run: Run, agent: Agent) -> Figure:

@@ -19,14 +19,15 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from designrl.checkpoint import load
+from designrl import author
+from designrl.author import file_name
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
+from designrl.names import load
 from designrl.policy import Agent
-from designrl.provenance import sources_hash, versions
-from designrl.published import file_name, published_runs
+from designrl.provenance import core_count, sources_hash, versions
 from designrl.simulation import BACKENDS, Simulator
 from designrl.workers import ProcessWorkers
 
@@ -152,7 +153,7 @@ def score_all(files: list[tuple[Path, str]]) -> list[Score]:
                 missing.append(i)  # a missing or damaged entry is computed
     total = len(missing) * EPISODES
     with tqdm(total=total, unit="episode", leave=False, disable=None if missing else True) as bar:
-        workers = len(os.sched_getaffinity(0))
+        workers = core_count()
         for i in missing:
             bar.set_postfix_str(shown(found[i].path))
             result = evaluate(found[i].agent, EPISODES, SEED, workers, backend(), bar.update)
@@ -186,7 +187,7 @@ def compare_with_reference(played: list[Score]) -> None:
         InputError: a return differs.
     """
     tasks = [(i,) for i in range(len(played))]
-    workers = ProcessWorkers(min(len(os.sched_getaffinity(0)), len(played)))
+    workers = ProcessWorkers(min(core_count(), len(played)))
     agents = [(s.agent.experiment.name, s.agent.network, s.agent.parameters) for s in played]
     with (
         closing(workers),
@@ -228,7 +229,7 @@ def pretrained(experiment: str) -> list[Path]:
 def zoo() -> str | None:
     """The folder that `make ... ZOO=path` names; ends the program where it has no known file."""
     folder = os.environ.get("ZOO")
-    if folder and not any(published_runs(folder, name) for name in EXPERIMENTS):
+    if folder and not any(author.runs(folder, name) for name in EXPERIMENTS):
         sys.exit(
             f"ZOO={folder} is not a folder of the author's weights: looked in it and in its "
             f"folders zoo and */zoo for {', '.join(map(file_name, EXPERIMENTS))}"
@@ -238,7 +239,7 @@ def zoo() -> str | None:
 
 def authors(experiment: str) -> dict[int, Path]:
     """The author's runs of an experiment, by number; a missing run 1 by its name. Needs ZOO."""
-    return {1: Path(file_name(experiment))} | published_runs(zoo(), experiment)
+    return {1: Path(file_name(experiment))} | author.runs(zoo(), experiment)
 
 
 def by_source(*experiments: str) -> dict[str, dict[str, dict[int, Score]]]:
@@ -293,6 +294,6 @@ def output_folder() -> Path:
 
 def read_for(*names: str) -> list[Path]:
     """All files that scores of these experiments depend on: the paper's, ours, the author's."""
-    theirs = [path for name in names if zoo() for path in published_runs(zoo(), name).values()]
+    theirs = [path for name in names if zoo() for path in author.runs(zoo(), name).values()]
     ours = [path for name in names for path in pretrained(name)]
     return [ROOT / "paper" / "paper.toml", *ours, *theirs]

@@ -23,6 +23,7 @@ PAIRS = (
     ("biped-hardcore", "biped-hardcore-morphology-smaller-leg"),
 )
 RESAMPLES = 20_000
+SIGNIFICANT = 0.05  # a p below it decides
 LEVEL = (2.5, 97.5)  # percentiles: a 95 % interval
 
 
@@ -81,7 +82,7 @@ def verdict(c: dict) -> str:
     """What a comparison says, in words; of few runs the bootstrap alone claims too much."""
     if np.isnan(c["p"]):
         return "too few runs to tell"
-    if c["p"] >= 0.05 or c["difference_low"] <= 0 <= c["difference_high"]:
+    if c["p"] >= SIGNIFICANT or c["difference_low"] <= 0 <= c["difference_high"]:
         return "undecided"
     return "higher" if c["difference"] > 0 else "lower"
 

@@ -18,11 +18,19 @@ def in_words(name: str, mean: float) -> str:
     words = f"{size} {'above' if difference > 0 else 'below'} the paper's mean"
     if abs(difference) < 0.5:
         words = "the paper's mean"
+    return {
+        "above": f"{words}, better than its best run ({max(runs):.0f})",
+        "below": f"{words}, worse than its worst run ({min(runs):.0f})",
+        "within": f"{words}, within its runs ({min(runs):.0f} to {max(runs):.0f})",
+    }[verdict(name, mean)]
+
+
+def verdict(name: str, mean: float) -> str:
+    """ "within" the range of the paper's runs of an experiment, "above" or "below" it."""
+    runs = scores.paper()["table4"][name]  # whole points
     if mean > max(runs) + 0.5:
-        return f"{words}, better than its best run ({max(runs):.0f})"
-    if mean < min(runs) - 0.5:
-        return f"{words}, worse than its worst run ({min(runs):.0f})"
-    return f"{words}, within its runs ({min(runs):.0f} to {max(runs):.0f})"
+        return "above"
+    return "below" if mean < min(runs) - 0.5 else "within"
 
 
 def std_over_runs(means: list[float]) -> float:

@@ -4,8 +4,8 @@ With ZOO=path also the author's: run 1 of each experiment, and runs 2 to 10 wher
 zoo/more.
 """
 
+from designrl.author import RUNS
 from designrl.experiments import EXPERIMENTS
-from designrl.published import RUNS
 from reproduce import scores
 from reproduce.tables import PAPER, Table, row
 

@@ -3,8 +3,8 @@ import signal
 
 import pytest
 
-from designrl.checkpoint import load
-from designrl.published import published, zoo_folder
+from designrl import author
+from designrl.names import load
 
 # Nobody watches: without a window, SDL loads no OpenGL driver, whose LLVM (Mesa's) crashes the one
 # of Triton, which comes with PyTorch's CUDA build.
@@ -15,12 +15,12 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
-def zoo_agent():
+def author_agent():
     """Loads the author's agent of an experiment, or skips where his weights are absent."""
 
     def get(experiment):
-        if zoo_folder() is None:
-            pytest.skip("the author's weights are not here; set DESIGNRL_ZOO to their folder")
-        return load(published(zoo_folder(), experiment), experiment)
+        if author.zoo() is None:
+            pytest.skip("the author's weights are not here; set AUTHOR_ZOO to their folder")
+        return load(author.file_of(author.zoo(), experiment), experiment)
 
     return get

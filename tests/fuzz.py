@@ -39,8 +39,9 @@ sys.path.insert(0, str(ROOT))
 from hostile import FILES, check  # noqa: E402
 from test_recording import write_run  # noqa: E402
 
-from designrl import checkpoint  # noqa: E402
+from designrl import checkpoint, names  # noqa: E402
 from designrl.errors import InputError  # noqa: E402
+from designrl.provenance import core_count  # noqa: E402
 from designrl.recording import (  # noqa: E402
     RunWriter,
     describe,
@@ -268,7 +269,7 @@ def show(recording) -> None:
 KINDS = {
     "checkpoint": ("f.safetensors", 2, damage_safetensors, read_checkpoint),
     "state": ("run/state.safetensors", 1, damage_safetensors, read_state),
-    "2018": ("f.json", 2, damage_json, lambda path: checkpoint.load(path, EXPERIMENT)),
+    "2018": ("f.json", 2, damage_json, lambda path: names.load(path, EXPERIMENT)),
     "run": ("f.mcap", 2, damage_mcap, read_recording),
     "rollout": ("r.mcap", 1, damage_mcap, read_recording),
 }
@@ -297,11 +298,11 @@ class Guard:
         self._armed = False
         used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
         resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES, resource.RLIM_INFINITY))
-        signal.signal(signal.SIGALRM, self._late)
+        signal.signal(signal.SIGPROF, self._late)
         sys.addaudithook(self._audit)
 
     def _late(self, *_):
-        raise FuzzError(f"it takes more than {SECONDS} s")
+        raise FuzzError(f"it takes more than {SECONDS} s of processor time")
 
     def _audit(self, event, arguments):
         if self._armed and event.startswith(FORBIDDEN):
@@ -309,12 +310,12 @@ class Guard:
             raise FuzzError(f"it does {event} {str(arguments)[:200]}")
 
     def __enter__(self):
-        signal.alarm(SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)  # a busy machine is no fault
         self._armed = True
 
     def __exit__(self, *_):
         self._armed = False
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
 def read_batch(files: dict[str, bytes], seed: int, indices: range) -> tuple[Counter, list[str]]:
@@ -360,7 +361,7 @@ def main() -> int:
     starts = range(0, options.files, BATCH)
     batches = [range(start, min(start + BATCH, options.files)) for start in starts]
     # A fresh process for each batch: what one file leaves behind must not hide what another does.
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(core_count(), max_tasks_per_child=1) as pool:
         futures = {batch: pool.submit(read_batch, files, options.seed, batch) for batch in batches}
         for batch, future in futures.items():
             try:

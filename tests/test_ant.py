@@ -193,9 +193,9 @@ def test_the_first_steps_are_those_of_roboschool():
     [("ant", 3447, 0.02), ("ant-morphology", 5789, 0.05)],
 )
 def test_the_authors_weights_score_what_the_paper_prints(
-    zoo_agent, experiment, published, tolerance
+    author_agent, experiment, published, tolerance
 ):
-    agent = zoo_agent(experiment)
+    agent = author_agent(experiment)
     with Simulator(experiment, "reference", network=agent.network) as simulator:
         result = simulator.rollout(agent.parameters[None], np.arange(10)[None])
     upright = result.returns[result.steps == 1000]

@@ -8,7 +8,12 @@ import pytest
 from designrl import engine, envs, simulation
 from designrl.bodies.ant import ANT
 from designrl.engine import rollout
-from designrl.engine.verify import (
+from designrl.envs import engine_task
+from designrl.errors import InputError
+from designrl.experiments import ANT_NETWORK, PUBLISHED_ANT_NETWORK, Network, get_experiment
+from designrl.policy import noise_stds
+from designrl.simulation import Simulator
+from designrl.verify.episodes import (
     ANTS,
     OTHER_ANT_NETWORKS,
     Case,
@@ -20,11 +25,6 @@ from designrl.engine.verify import (
     run_engine,
     run_reference,
 )
-from designrl.envs import engine_task
-from designrl.errors import InputError
-from designrl.experiments import ANT_NETWORK, PUBLISHED_ANT_NETWORK, Network, get_experiment
-from designrl.policy import noise_stds
-from designrl.simulation import Simulator
 
 REASON = engine.missing_reason()
 pytestmark = pytest.mark.skipif(REASON is not None, reason=str(REASON))

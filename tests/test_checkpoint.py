@@ -5,17 +5,12 @@ import sys
 import numpy as np
 import pytest
 
-from designrl.checkpoint import (
-    STATE_FORMAT,
-    describe,
-    load,
-    load_published,
-    save,
-    write_tensors,
-)
+from designrl.author import load_author
+from designrl.checkpoint import STATE_FORMAT, describe, save, write_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.files import file_hash
+from designrl.names import load
 from designrl.policy import Agent
 
 
@@ -90,7 +85,7 @@ def test_flipped_bits_are_noticed(tmp_path):
 def test_a_wrong_2018_file_is_refused_by_name(tmp_path, content, words):
     (tmp_path / "biped.json").write_text(content)
     with pytest.raises(InputError, match=rf"biped\.json.*{words}"):
-        load_published(tmp_path / "biped.json", get_experiment("biped"))
+        load_author(tmp_path / "biped.json", get_experiment("biped"))
 
 
 def test_a_2018_file_is_imported_in_its_order(tmp_path):
@@ -118,7 +113,7 @@ def test_the_wrong_file_is_refused_by_name(tmp_path):
     with pytest.raises(InputError, match="is a folder"):
         load(tmp_path)
     (tmp_path / "a.json").write_text("[[], 0]")
-    with pytest.raises(InputError, match="add --experiment"):
+    with pytest.raises(InputError, match="name its experiment"):
         load(tmp_path / "a.json")
 
 

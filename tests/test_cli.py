@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import designrl
-from designrl.checkpoint import PRETRAINED, load, save
+from designrl.checkpoint import save
 from designrl.cli import main
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
 from designrl.settings import TrainSettings
 
@@ -40,11 +41,11 @@ def test_experiments_lists_all_eight(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[1:] if line[0] != " "] == list(EXPERIMENTS)
     assert "paper: 192 × 16, 10,000 generations" in lines[-2]
-    zoo = TrainSettings.of(list(EXPERIMENTS)[-1], "zoo")
-    size = f"{zoo.population} × {zoo.rollouts}, {zoo.generations:,} generations"
-    rate = f"learning-rate-decay {zoo.learning_rate_decay}"
-    floor = f"learning-rate-floor {zoo.learning_rate_floor}"
-    assert f"zoo:   {size}, {rate}, {floor}" in lines[-1]
+    ours = TrainSettings.of(list(EXPERIMENTS)[-1], "ours")
+    size = f"{ours.population} × {ours.rollouts}, {ours.generations:,} generations"
+    rate = f"learning-rate-decay {ours.learning_rate_decay}"
+    floor = f"learning-rate-floor {ours.learning_rate_floor}"
+    assert f"ours:  {size}, {rate}, {floor}" in lines[-1]
 
 
 def test_evaluate_prints_one_json_object_with_the_scores_that_python_gives(checkpoint, capsys):
@@ -191,7 +192,7 @@ def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkey
 
 
 def test_without_a_clone_is_said_where_the_published_agents_are(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("designrl.checkpoint.PRETRAINED", tmp_path / "pretrained")
+    monkeypatch.setattr("designrl.names.PRETRAINED", tmp_path / "pretrained")
     where = "name pretrained/biped/seed0.safetensors in it"
     assert where in refused(capsys, "evaluate", "biped/seed0")
     assert "its folder pretrained" in refused(capsys, "checkpoints")

@@ -1,5 +1,6 @@
 """Every command and snippet of README and docs/ does what it says."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -14,7 +15,8 @@ from designrl.experiments import EXPERIMENTS
 from designrl.settings import TrainSettings
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+PAGES += [ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SMALL = ["--generations", "1", "--population", "2", "--rollouts", "1", "--evaluation-episodes", "1"]
 
 
@@ -105,7 +107,7 @@ def test_links_lead_somewhere():
 def test_the_recipes_in_the_table_are_those_of_the_experiments():
     columns = [(EXPERIMENTS.values(), "paper")]
     for letters in ("ab", "cde", "gh", "f"):
-        columns.append(([e for e in EXPERIMENTS.values() if e.letter in letters], "zoo"))
+        columns.append(([e for e in EXPERIMENTS.values() if e.letter in letters], "ours"))
     rows = {
         "candidates × rollouts": lambda s: f"{s.population} × {s.rollouts}",
         "generations": lambda s: f"{s.generations:,}",
@@ -124,6 +126,15 @@ def test_the_recipes_in_the_table_are_those_of_the_experiments():
         assert [cell.strip() for cell in cells.split("|")] == expected
 
 
-def test_readme_is_short_and_finished():
+def test_readme_says_how_its_pictures_agent_ranks_among_ours():
+    said = re.search(
+        r"The picture shows `((.+)/\w+)`, the best of our (\w+)", (ROOT / "README.md").read_text()
+    )
+    index = json.loads((ROOT / "pretrained/index.json").read_text())
+    means = {name: s["mean"] for name, s in index.items() if name.startswith(f"{said[2]}/seed")}
+    assert max(means, key=means.get) == said[1]
+    assert ("three", "four", "five").index(said[3]) + 3 == len(means)
+
+
+def test_readme_is_finished():
     assert "@@" not in (ROOT / "README.md").read_text()
-    assert len((ROOT / "README.md").read_text().split()) <= 900

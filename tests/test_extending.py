@@ -80,7 +80,7 @@ def test_a_body_of_ones_own_trains_evaluates_records_replays_and_resumes(page, t
     main(["evaluate", str(out / "best.safetensors"), "--episodes", "2", "--workers", "1"])
     assert "hopper-morphology: " in capsys.readouterr().out
 
-    longer = TrainSettings.of("hopper-morphology", "zoo", generations=7)
+    longer = TrainSettings.of("hopper-morphology", "ours", generations=7)
     TrainingRun(longer, out, resume=True).run()
     TrainingRun(longer, tmp_path).run()
     assert read(out / "generations.mcap").generations.tolist() == [0, 1, 2, 3, 4, 5, 6]
@@ -113,7 +113,7 @@ def test_what_the_engine_does_not_have_runs_on_the_reference(change, capsys):
 def test_an_optimiser_of_ones_own_trains_and_resumes_to_the_same_bytes(page, tmp_path):
     def train(folder, generations, resume=False):
         changes = {"generations": generations, "population": 6, "evaluate_every": 2}
-        settings = TrainSettings.of("hopper-morphology", "zoo", mirrored=False, **changes)
+        settings = TrainSettings.of("hopper-morphology", "ours", mirrored=False, **changes)
         climber = page.HillClimber(parameters=35, population=6)
         run = TrainingRun(settings, folder, resume=resume, optimiser=climber)
         run.run()

@@ -17,7 +17,7 @@ from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 from test_recording import write_others
 
-from designrl import checkpoint
+from designrl import checkpoint, names
 from designrl.cli import main
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
@@ -39,7 +39,7 @@ def test_what_is_no_file_is_refused_at_once(name, tmp_path, capsys):
         main(["info" if name != "a.json" else "evaluate", str(tmp_path / name)])
     assert capsys.readouterr().err.count("\n") == 1
     with pytest.raises(InputError, match="is not a file"):
-        checkpoint.load("/dev/zero")
+        names.load("/dev/zero")
 
 
 def test_a_large_file_is_not_read(tmp_path):
@@ -47,7 +47,7 @@ def test_a_large_file_is_not_read(tmp_path):
         with (tmp_path / name).open("wb") as file:
             file.truncate(2**40)  # takes no space
         with pytest.raises(InputError, match="1,099,511,627,776 bytes, too many"):
-            checkpoint.load(tmp_path / name, "biped")
+            names.load(tmp_path / name, "biped")
 
 
 def chunk(content: bytes, compression="zstd", size: int | None = None) -> bytes:
@@ -157,16 +157,16 @@ def test_deep_metadata_is_refused(tmp_path):
     deep = json.loads("[" * 100 + "]" * 100)
     checkpoint.write_tensors(tmp_path / "a.safetensors", {}, {"a": deep}, checkpoint.FORMAT)
     with pytest.raises(InputError, match="not a whole"):
-        checkpoint.load(tmp_path / "a.safetensors")
+        names.load(tmp_path / "a.safetensors")
 
 
 @pytest.mark.parametrize("deep", ["[" * 10**6, '{"a":' * 10**5, "1" * 10**6])
 def test_nested_or_huge_json_is_refused(deep, tmp_path):
     (tmp_path / "a.json").write_text(deep)
     with pytest.raises(InputError, match="not a 2018 weights file"):
-        checkpoint.load(tmp_path / "a.json", "biped")
+        names.load(tmp_path / "a.json", "biped")
     header = json.dumps({"__metadata__": {"designrl": deep}}).encode()
     data = len(header).to_bytes(8, "little") + header
     (tmp_path / "a.safetensors").write_bytes(data)
     with pytest.raises(InputError, match="not a whole"):
-        checkpoint.load(tmp_path / "a.safetensors")
+        names.load(tmp_path / "a.safetensors")

@@ -21,6 +21,7 @@ from designrl.experiments import EXPERIMENTS
 from designrl.policy import Agent
 from designrl.provenance import versions
 from designrl.recording import (
+    Generation,
     RecordingError,
     RunWriter,
     describe,
@@ -80,7 +81,7 @@ def full_disk(after: int):
 def write_run(path, indices, **kwargs):
     with RunWriter(path, ABOUT, **kwargs) as writer:
         for index in indices:
-            writer.generation(**generation(index))
+            writer.generation(Generation(**generation(index)))
             if index % 5 == 4:
                 writer.evaluation(**evaluation(index))
             if index % 2:
@@ -182,8 +183,8 @@ def test_summary_and_design_follow_from_the_distribution(run):
 
 def test_rollouts_per_candidate_may_change_in_a_run(tmp_path):
     with RunWriter(tmp_path / "run.mcap", ABOUT) as writer:
-        writer.generation(**generation(0, rollouts=1))
-        writer.generation(**generation(1, rollouts=4))
+        writer.generation(Generation(**generation(0, rollouts=1)))
+        writer.generation(Generation(**generation(1, rollouts=4)))
     found = read(tmp_path / "run.mcap").array("/returns", "returns")
     assert [a.shape for a in found] == [(6, 1), (6, 4)]
     assert np.array_equal(found[1], generation(1, rollouts=4)["returns"])
@@ -199,7 +200,7 @@ def test_a_killed_process_leaves_a_whole_file(tmp_path):
         "from test_recording import *\n"
         f"writer = RunWriter({str(path)!r}, ABOUT)\n"
         "for index in range(10**6):\n"
-        "    writer.generation(**generation(index)); writer.flush()\n"
+        "    writer.generation(Generation(**generation(index))); writer.flush()\n"
         "    print(index, flush=True)\n"
     )
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
@@ -227,7 +228,7 @@ def test_an_interrupt_waits_until_the_record_is_whole(number, tmp_path, monkeypa
 
     with pytest.raises(KeyboardInterrupt), RunWriter(path, ABOUT) as writer:
         for index in range(4):
-            writer.generation(**generation(index))
+            writer.generation(Generation(**generation(index)))
             monkeypatch.setattr(os, "pwrite", interrupted)
             with pytest.raises(KeyboardInterrupt) as interrupt:
                 writer.flush()
@@ -384,7 +385,7 @@ def test_a_full_disk_is_one_sentence_and_costs_no_generation(tmp_path, monkeypat
         RunWriter(path, ABOUT) as writer,
     ):
         for index in range(100):
-            writer.generation(**generation(index))
+            writer.generation(Generation(**generation(index)))
             writer.flush()
             done = index
     assert done >= 3
@@ -439,7 +440,7 @@ def test_thinning_spreads_over_generations_also_where_a_thinned_run_went_on(run,
     thin(run, once, {"/design": 2})
     with RunWriter(once, ABOUT, resume_generation=12) as writer:
         for index in range(12, 24):
-            writer.generation(**generation(index))
+            writer.generation(Generation(**generation(index)))
     assert read(once).array("/design", "sequence").tolist() == [0, *range(11, 24)]
     thin(once, twice, {"/design": 4})
     assert read(twice).array("/design", "sequence").tolist() == [0, 11, 15, 23]

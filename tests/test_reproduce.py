@@ -15,14 +15,15 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from designrl.checkpoint import load, save
+from designrl import author
+from designrl.checkpoint import save
 from designrl.engine import missing_reason
 from designrl.errors import InputError
 from designrl.evaluation import Evaluation, evaluate
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash, write_atomically
+from designrl.names import load
 from designrl.policy import Agent
-from designrl.published import published, zoo_folder
 from designrl.recording import read
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
@@ -69,7 +70,8 @@ def stub_scores(agent, episodes, seed, *_):
 def project(tmp_path, monkeypatch):
     """An empty project folder, where evaluations take no time."""
     (tmp_path / "paper").mkdir()
-    (tmp_path / "README.md").write_text(f"# Results\n{readme.START}\nold\n{readme.END}\nmore\n")
+    marks = f"{readme.ANSWERS}\nold\n{readme.ANSWERS_END}\n{readme.START}\nold\n{readme.END}"
+    (tmp_path / "README.md").write_text(f"# Results\n{marks}\nmore\n")
     for name in ("paper.toml", "author.csv"):
         shutil.copyfile(ROOT / "paper" / name, tmp_path / "paper" / name)
     monkeypatch.setattr(scores, "ROOT", tmp_path)
@@ -178,9 +180,9 @@ def test_walkers_score_what_the_committed_table_says(name):
     assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
 
 
-def test_the_authors_walker_scores_what_the_committed_table_says(zoo_agent):
+def test_the_authors_walker_scores_what_the_committed_table_says(author_agent):
     [row] = [row for row in committed("author") if row["experiment"] == "biped-hardcore"]
-    agent = zoo_agent("biped-hardcore")
+    agent = author_agent("biped-hardcore")
     found = evaluate(agent, int(row["episodes"]), int(row["seed"]), backend="engine").scores
     assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
     assert row["sha256"] == agent.metadata["source_sha256"]
@@ -195,8 +197,12 @@ def test_committed_cards_say_what_their_checkpoints_score(name):
 
 
 def test_readme_has_the_committed_results():
-    block = f"{readme.START}\n{readme.table()}\n{readme.END}"
-    assert block in (ROOT / "README.md").read_text(), "run `make reproduce-readme`"
+    text = (ROOT / "README.md").read_text()
+    for start, content, end in (
+        (readme.ANSWERS, readme.answers(), readme.ANSWERS_END),
+        (readme.START, readme.table(), readme.END),
+    ):
+        assert f"{start}\n{content}\n{end}" in text, "run `make reproduce-readme`"
 
 
 # ------------------------------------------------------------------------------------- dependency
@@ -267,6 +273,7 @@ def test_readme_table_is_put_between_its_marks(project):
     text = (project / "README.md").read_text()
     assert text.startswith("# Results\n") and text.endswith(f"{readme.END}\nmore\n")
     assert "| (c) | Biped " in text and "| 345 ± 1.3 " in text and "| 305 ± 2.9 *" in text
+    assert "Flat ground: not known" in text
     (project / "README.md").write_text(text.replace("345", "999"))
     assert build.make("readme") and (project / "README.md").read_text() == text
 
@@ -315,13 +322,13 @@ def test_papers_summary_follows_from_its_runs(name):
     assert table3.std_over_runs(runs) == pytest.approx(std, abs=0.2)
 
 
-def test_tables_print_the_papers_bodies_from_the_authors_weights(zoo_agent):
-    shown = table1.percentages(zoo_agent("ant-morphology").design).round()
+def test_tables_print_the_papers_bodies_from_the_authors_weights(author_agent):
+    shown = table1.percentages(author_agent("ant-morphology").design).round()
     printed = scores.paper()["table1"]
     assert shown.tolist() == [printed[part] for part in ("top", "middle", "bottom")]
     for name in table2.WALKERS:
         printed = scores.paper()["table2"][name]
-        area, sizes = table2.legs(zoo_agent(name).scales)
+        area, sizes = table2.legs(author_agent(name).scales)
         assert round(area) == printed["leg_area"]
         assert sizes.round(1).tolist() == printed["dimensions"]
 
@@ -335,12 +342,12 @@ def test_cells_lead_to_where_their_numbers_come_from():
     assert "[" not in table.markdown() + table.latex()
 
 
-def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, zoo_agent):
-    zoo_agent("biped")  # skips without the author's weights
+def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, author_agent):
+    author_agent("biped")  # skips without the author's weights
     clone = project / "clones" / "estool" / "zoo"
     (clone / "more" / "biped").mkdir(parents=True)
     for name in ("biped.json", "more/biped/biped.7.json"):
-        shutil.copyfile(published(zoo_folder(), "biped"), clone / name)
+        shutil.copyfile(author.file_of(author.zoo(), "biped"), clone / name)
     monkeypatch.setenv("ZOO", str(project / "clones"))
     assert build.make("table4")
     lines = (project / "paper/with-zoo/tables/table4.md").read_text().splitlines()
@@ -463,7 +470,8 @@ def test_what_is_published_and_publishing_again_gives_the_same_files(published_r
         f"logs/biped/seed0/rollouts/generation{load(checkpoint).metadata['generation']:05d}.mcap"
     )
     card_and_curve = [f"pretrained/biped/seed0.{kind}" for kind in ("md", "png", "safetensors")]
-    assert files == ["logs/biped/seed0/generations.mcap", rollout, *card_and_curve]
+    made = ["logs/biped/seed0/generations.mcap", rollout, *card_and_curve]
+    assert files == [*made, "pretrained/index.json"]
     card = checkpoint.with_suffix(".md").read_text()
     assert "designrl train biped --recipe paper --seed 0 --generations 5" in card
     assert f"sha256 {file_hash(checkpoint)}" in card and str(project) not in card

@@ -55,8 +55,8 @@ def test_results_do_not_depend_on_the_number_of_workers():
         np.testing.assert_array_equal(more.steps, one.steps)
 
 
-def test_shaped_rewards_forgive_the_fall_and_add_a_hundred_to_a_solved_episode(zoo_agent):
-    parameters = np.array([*candidates("biped", 4), zoo_agent("biped").parameters])
+def test_shaped_rewards_forgive_the_fall_and_add_a_hundred_to_a_solved_episode(author_agent):
+    parameters = np.array([*candidates("biped", 4), author_agent("biped").parameters])
     seeds = np.arange(5)[:, None]
     with Simulator("biped", "reference") as simulator:
         plain = simulator.rollout(parameters, seeds)
@@ -256,9 +256,9 @@ def test_both_backends_refuse_what_is_beyond_float32(backend, index):
         ("biped-hardcore-morphology-smaller-leg", 312, 69),
     ],
 )
-def test_the_authors_weights_score_what_the_paper_printed(zoo_agent, name, mean, std):
+def test_the_authors_weights_score_what_the_paper_printed(author_agent, name, mean, std):
     """The proof of the walkers: 100 rollouts, within the sampling error of both means."""
-    result = evaluate(zoo_agent(name), episodes=100, workers=2)
+    result = evaluate(author_agent(name), episodes=100, workers=2)
     # Two means of 100 rollouts each, three standard errors, and the paper's rounding to integers.
     tolerance = 3 * np.sqrt((std**2 + result.scores.std() ** 2) / 100) + 1.0
     assert abs(result.scores.mean() - mean) < tolerance

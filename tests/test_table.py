@@ -10,7 +10,7 @@ import pytest
 
 import designrl
 from designrl.cli import main
-from designrl.recording import RecordingError, RunWriter, read, table, thin
+from designrl.recording import Generation, RecordingError, RunWriter, read, table, thin
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 
@@ -20,7 +20,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     small = {"generations": 3, "population": 4, "rollouts": 1}
     changes = {**small, "evaluate_every": 2, "evaluation_episodes": 2}
-    TrainingRun(TrainSettings.of("biped-morphology", "zoo", **changes), folder).run()
+    TrainingRun(TrainSettings.of("biped-morphology", "ours", **changes), folder).run()
     return folder
 
 
@@ -103,7 +103,7 @@ def test_what_cannot_be_exported_is_refused(words, sentence, run, tmp_path, monk
 def test_a_run_without_evaluations_says_so(tmp_path):
     numbers = np.zeros(2812), np.ones(2812), *(np.ones((2, 1), int) for _ in range(3))
     with RunWriter(tmp_path / "g.mcap", {"experiment": "biped-morphology"}) as writer:
-        writer.generation(0, *numbers, 1.0, 2)
+        writer.generation(Generation(0, *numbers, 2, 1.0))
     assert table(tmp_path / "g.mcap")["generation"].tolist() == [0]
     with pytest.raises(RecordingError, match="/evaluation"):
         table(tmp_path / "g.mcap", episodes=True)

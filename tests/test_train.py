@@ -20,9 +20,10 @@ from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.recording import read
 from designrl.reinforce import Reinforce
+from designrl.run_folder import RunFolder
 from designrl.settings import ReinforceSettings, TrainSettings
 from designrl.simulation import Simulator
-from designrl.train import TrainingRun
+from designrl.train import TrainingRun, episode_seeds
 
 SMALL = {"generations": 5, "population": 4, "rollouts": 2, "evaluate_every": 2}
 
@@ -133,11 +134,11 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
 
 def test_a_pair_of_candidates_meets_the_same_episodes(tmp_path):
     run = TrainingRun(settings(population=6), tmp_path, backend="reference")
-    seeds = run._episode_seeds(3)
+    seeds = episode_seeds(run.settings, 3)
     assert seeds.shape == (6, 2)
     np.testing.assert_array_equal(seeds[:3], seeds[3:])
     assert len(set(seeds[:3].ravel())) == 6
-    assert (run._episode_seeds(4) != seeds).any()
+    assert (episode_seeds(run.settings, 4) != seeds).any()
 
 
 def test_evaluations_have_the_environments_rewards_with_the_factor_for_smaller_legs(tmp_path):
@@ -170,8 +171,8 @@ def test_the_recorded_command_gives_the_run_again():
         "--rollouts 2 --no-shaped-rewards --evaluate-every 2 --evaluation-episodes 3"
     )
     assert cli.settings_of(cli.parser().parse_args(ours.command().split()[1:])) == ours
-    assert TrainSettings.of("ant", "zoo", seed=1).command() == (
-        "designrl train ant --recipe zoo --seed 1"
+    assert TrainSettings.of("ant", "ours", seed=1).command() == (
+        "designrl train ant --recipe ours --seed 1"
     )
 
 
@@ -347,7 +348,7 @@ def test_a_reader_that_leaves_ends_a_run_that_saves_and_fails(tmp_path, monkeypa
 
 def test_two_runs_cannot_share_a_folder(tmp_path):
     first, second = (TrainingRun(settings(generations=2), tmp_path) for _ in range(2))
-    with first._locked_folder(), pytest.raises(InputError, match="in use by another run"):
+    with RunFolder(tmp_path).locked(), pytest.raises(InputError, match="in use by another run"):
         second.run()
     first.run()
     before = file_hash(tmp_path / "state.safetensors")
@@ -365,11 +366,11 @@ def test_the_papers_recipe_has_the_papers_numbers():
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_recipe_is_valid_and_the_same_for_every_seed(name):
-    for recipe in ("paper", "zoo", "plain"):
+    for recipe in ("paper", "ours", "plain"):
         one, other = (TrainSettings.of(name, recipe, seed=seed) for seed in (0, 7))
         assert dataclasses.replace(one, seed=7) == other
         Reinforce(3, one.population, one)
-    with pytest.raises(InputError, match="recipe is 'zo'; it must be one of paper, zoo, plain"):
+    with pytest.raises(InputError, match="recipe is 'zo'; it must be one of paper, ours, plain"):
         TrainSettings.of(name, "zo")
 
 
@@ -466,7 +467,7 @@ def test_a_candidate_that_cannot_be_simulated_stops_the_run_and_is_kept(tmp_path
         return original(env, agent, seed, shaping)
 
     original = simulation.run_episode
-    bad = TrainingRun(settings(), tmp_path / "x")._episode_seeds(2)[1, 0]
+    bad = episode_seeds(settings(), 2)[1, 0]
     monkeypatch.setattr(simulation, "run_episode", break_down)
     with pytest.raises(InputError, match="candidate 1 of generation 2") as caught:
         train(tmp_path)

@@ -21,7 +21,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 import designrl  # noqa: F401
 from designrl import engine, envs
 from designrl.engine import stepper
-from designrl.engine.verify_vector import (
+from designrl.envs import ant
+from designrl.envs.sb3 import EngineVecEnv
+from designrl.errors import InputError
+from designrl.verify.vector import (
     ANT_ID,
     FLAT_ID,
     HARDCORE_ID,
@@ -29,9 +32,6 @@ from designrl.engine.verify_vector import (
     compare_vector,
     difference,
 )
-from designrl.envs import ant
-from designrl.envs.sb3 import EngineVecEnv
-from designrl.errors import InputError
 
 REASON = engine.missing_reason()
 pytestmark = pytest.mark.skipif(REASON is not None, reason=str(REASON))
@@ -79,6 +79,31 @@ def test_outputs_do_not_depend_on_threads_or_on_other_environments(env_id):
     for step, expected in zip(map(few.step, actions), one[1:], strict=True):
         for a, b in zip(step[:4], expected[:4], strict=True):
             np.testing.assert_array_equal(a, b[20:22])
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_poses_are_those_of_the_reference(env_id):
+    space = gymnasium.make(env_id).unwrapped.body.design
+    designs = np.random.default_rng(0).uniform(0.5, 1.5, (3, space.size))
+    env = make(env_id, 3, design=designs, autoreset_mode=SAME_STEP, max_episode_steps=90)
+    sync = SyncVectorEnv(
+        [
+            lambda design=design: gymnasium.make(env_id, design=design, max_episode_steps=90)
+            for design in designs
+        ],
+        autoreset_mode=SAME_STEP,
+    )
+    with pytest.raises(ResetNeeded, match="poses\\(\\) before reset"):
+        env.poses()
+    for each in (env, sync):
+        each.reset(seed=5)
+    for actions in [None, *random_actions(env, 200)]:
+        if actions is not None:
+            for each in (env, sync):
+                each.step(actions)
+        singles = [single.unwrapped for single in sync.envs]
+        expected = np.array([np.concatenate(e.body.poses(e), axis=1) for e in singles])
+        assert env.poses().tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("env_id", IDS)

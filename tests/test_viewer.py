@@ -25,7 +25,7 @@ from designrl.bodies import rotate
 from designrl.bodies.robot import _quaternion
 from designrl.bodies.walker import WalkerBody
 from designrl.errors import InputError
-from designrl.recording import RunWriter, read, record_rollout
+from designrl.recording import Generation, RunWriter, read, record_rollout
 from designrl.recording.mcap_file import McapFile
 from designrl.viewer import layout, web
 from designrl.viewer import picture as picture_module
@@ -492,6 +492,6 @@ def test_a_run_whose_settings_are_damaged_is_shown_without_them(settings, tmp_pa
     numbers = np.zeros(2812), np.ones(2812), *(np.ones((2, 1), int) for _ in range(3))
     about = {"experiment": "biped-morphology", "settings": settings}
     with RunWriter(tmp_path / "g.mcap", about) as writer:
-        writer.generation(0, *numbers, 1.0, 2)
+        writer.generation(Generation(0, *numbers, 2, 1.0))
     viewer.replay([tmp_path / "g.mcap"], save=tmp_path / "g.rrd")
     assert (tmp_path / "g.rrd").stat().st_size > 1000

@@ -104,8 +104,10 @@ class WalkerBody(Body):
         # Box2D has its origin in the middle of a leg's part.
         up = np.append(0.0, self.design.dimensions(env.design)[1::2] / SCALE) / 2  # m
         positions, rotations = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 4))
-        positions[:, 0], positions[:, 2] = x - np.sin(angle) * up, z + np.cos(angle) * up
-        rotations[:, 1], rotations[:, 3] = -np.sin(angle / 2), np.cos(angle / 2)
+        # NumPy's own sine can have another last bit, depending on the processor.
+        sin, cos = (np.vectorize(f, otypes=[np.float64]) for f in (math.sin, math.cos))
+        positions[:, 0], positions[:, 2] = x - sin(angle) * up, z + cos(angle) * up
+        rotations[:, 1], rotations[:, 3] = -sin(angle / 2), cos(angle / 2)
         return positions, rotations
 
     def joint_states(self, env) -> tuple[list[float], list[float], list[float]]:

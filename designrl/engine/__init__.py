@@ -5,7 +5,7 @@
 
 Environment, body, policy, physics and reward of a task run in C++ (`native/`), one episode in each
 vector lane, on all threads asked for. Results do not depend on the number of threads, on the vector
-width or on what else is in the batch. `python -m designrl.engine.verify` compares them with the
+width or on what else is in the batch. `python -m designrl.verify` compares them with the
 reference environments. This module knows no task: their names, flags and sizes are the library's.
 """
 
@@ -23,9 +23,10 @@ import numpy as np
 
 from designrl.errors import InputError
 from designrl.numeric import real_numbers, whole_number, whole_numbers
+from designrl.provenance import core_count
 
-ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # sse2, avx2 or avx512; by default the best there is
-INSTRUCTION_SETS = ("sse2", "avx2", "avx512")
+ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # one of these; by default the best there is
+INSTRUCTION_SETS = ("portable", "sse2", "avx2", "avx512")
 _POLL_SECONDS = 0.1
 
 
@@ -89,6 +90,7 @@ _FUNCTIONS = {  # of native/api.cpp: result and arguments
     "stepping_bytes": (c_int64, ()),
     "stepper_make": (None, (c_void_p, c_char_p, c_char_p, c_int64, c_int)),
     "stepper_run": (c_bool, (c_void_p, c_void_p)),
+    "stepper_poses": (c_bool, (c_void_p, c_void_p)),
     "stepper_states": (c_int64, (c_void_p, c_void_p, c_bool)),
     "stepper_free": (None, (c_void_p,)),
     "policy_widest": (c_int32, ()),
@@ -102,10 +104,7 @@ def _load() -> ctypes.CDLL | str:
     paths = [Path(__file__).with_name(f"_native{suffix}") for suffix in EXTENSION_SUFFIXES]
     path = next(filter(Path.exists, paths), None)
     if path is None:
-        return (
-            "the compiled engine is missing (it is built by `pip install .` with a C++ compiler, "
-            "on Linux x86-64)"
-        )
+        return "the compiled engine is missing (it is built by `pip install .` with a C++ compiler)"
     try:
         library = ctypes.CDLL(str(path))
         for name, (result, arguments) in _FUNCTIONS.items():
@@ -210,7 +209,7 @@ def rollout(
             no finite number.
         KeyboardInterrupt: within a step or two of Ctrl-C.
     """
-    inputs, outputs, dimensions, _, flags = _find(task)
+    inputs, outputs, dimensions, *_, flags = _find(task)
     sizes = _checked_sizes(sizes)
     if (sizes[0], sizes[-1]) != (inputs + (time_scale is not None), outputs):
         raise InputError(
@@ -254,7 +253,7 @@ def rollout(
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
     batch.arrays = arrays  # which so live as long as what points to them
-    threads = whole_number("threads", threads or len(os.sched_getaffinity(0)), 1)
+    threads = whole_number("threads", threads or core_count(), 1)
     threads = max(1, min(threads, n * r))
     _run(batch, task.name.encode(), instruction_set(isa).encode(), threads, progress)
     if (steps < 0).any():
@@ -308,9 +307,9 @@ def act_function(
     return compiled
 
 
-def _find(task: Task) -> tuple[int, int, int, int, int]:
-    """How many observations, actions, dimensions and terms a task has, and its flags' bits."""
-    counts = (c_int32 * 4)()
+def _find(task: Task) -> tuple[int, int, int, int, int, int]:
+    """How many observations, actions, dimensions, terms, parts a task has; its flags' bits."""
+    counts = (c_int32 * 5)()
     known = _library().designrl_engine_describe(task.name.encode(), counts)
     if known is None:
         raise InputError(f"the engine does not have the task {task.name!r}")

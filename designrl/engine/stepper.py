@@ -19,7 +19,7 @@ import numpy as np
 
 from designrl.engine import Task, _find, _library, _Stepping, instruction_set
 from designrl.errors import InputError
-from designrl.provenance import sources_hash
+from designrl.provenance import core_count, sources_hash
 
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # Gymnasium's autoreset modes
 _GO_ON, _START, _START_SEEDED = range(3)
@@ -80,6 +80,7 @@ class Stepper(AbstractContextManager):
 
     Attributes:
         count, observations, actions, dimensions, terms: N, O, A, D and T.
+        parts: B, of the body.
         designs: (N, D) scales, each as of its environment's last reset.
 
     Raises:
@@ -103,10 +104,10 @@ class Stepper(AbstractContextManager):
         *counts, self._flags = _find(task)
         self._made_with = task, count, autoreset, reward_factor, threads, isa
         self.count = count
-        self.observations, self.actions, self.dimensions, self.terms = counts
+        self.observations, self.actions, self.dimensions, self.terms, self.parts = counts
         self.designs = np.ones((count, self.dimensions))
         self._factors = np.ones(count) if reward_factor else None
-        threads = max(1, min(threads or len(os.sched_getaffinity(0)), count))
+        threads = max(1, min(threads or core_count(), count))
         isa = instruction_set(isa).encode()
         self._turn = threading.RLock()
         self._owner = ctypes.c_void_p()  # the library's own; it puts them there, and takes them out
@@ -175,6 +176,16 @@ class Stepper(AbstractContextManager):
         with self.turn:
             self._run(actions=actions, **steps._asdict())
         return steps
+
+    def poses(self) -> np.ndarray:
+        """(N, B, 7) position in m and quaternion x, y, z, w of each part, see `Body.poses`."""
+        poses = np.empty((self.count, self.parts, 7))
+        with self.turn:
+            if not self._library.designrl_stepper_poses(
+                ctypes.byref(self._owner), poses.ctypes.data
+            ):
+                self._refuse()
+        return poses
 
     def get_states(self) -> list[State]:
         """The N environments' states, to go on from with `set_states`, as often as wanted.

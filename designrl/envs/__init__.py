@@ -13,7 +13,7 @@ from designrl.engine.stepper import DISABLED, Stepper
 
 # The environments whose bits in the engine hang on what is installed: the ant's on the version of
 # Bullet and on the C library's sine. Before the engine is used, it has to show that they are the
-# reference's.
+# reference's; where it has the portable lanes alone, its bits are x86-64's, whatever is installed.
 _ON_TRIAL = {"designrl/Ant-v0"}
 _trials: dict[str, str | None] = {}  # of each, once in a process
 TRIAL_STEPS = 100
@@ -77,7 +77,8 @@ def engine_task(env_id: str, **kwargs):
 
 def engine_reason(env_id: str) -> str | None:
     """Why the engine cannot run an environment that it has a task for, as a clause, or None."""
-    if (reason := engine.missing_reason()) or env_id not in _ON_TRIAL:
+    reason = engine.missing_reason()
+    if reason or env_id not in _ON_TRIAL or engine.instruction_sets() == ["portable"]:
         return reason
     if env_id not in _trials:
         _trials[env_id] = _try_engine(env_id)

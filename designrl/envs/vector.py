@@ -270,6 +270,17 @@ class EngineVectorEnv(VectorEnv):
         # Should what follows fail, or be interrupted, all are to be reset.
         self._seeds, self._ended = [None] * self.num_envs, None
 
+    def poses(self) -> np.ndarray:
+        """(N, parts, 7) where every part of every body is, in the order of its body's `tree`.
+
+        A position in m, then a quaternion x, y, z, w: those of `designrl.bodies.Body.poses`, as
+        they are after the last step, or the reset that followed in it.
+        """
+        with self._stepper.turn:
+            self._check_open("poses()")
+            self._running("poses()")
+            return self._stepper.poses()
+
     def _add_terms(self, infos: dict, terms: np.ndarray, mask: np.ndarray) -> None:
         """Terms (T, N) of the environments in the mask (N,), as `VectorEnv._add_info` has them."""
         if not mask.any():

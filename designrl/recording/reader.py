@@ -13,8 +13,8 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
-from designrl.checkpoint import find_run
 from designrl.errors import printable
+from designrl.names import find_run
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, THINNED, RecordingError
 from designrl.recording.scan import Scan

@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,32 @@ KEPT = {
     **{"/body": 8, "/design": 30, "/summary": 400},
 }
 LENGTH = ("settings", "command")  # of a run: what a resume for more generations changes
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What a run records of one generation: N candidates, R episodes each, P parameters.
+
+    Attributes:
+        index: from 0.
+        mu, sigma: (P,) the distribution that it was sampled from; stored as float32.
+        returns: (N, R) float64, return of each episode of each candidate.
+        steps: (N, R) their lengths.
+        seeds: (N, R) their seeds.
+        total_steps: environment steps of the run so far.
+        seconds: s of wall time that the run has taken so far.
+        cpu_seconds: s of processor time that the run has taken so far; 0: not known.
+    """
+
+    index: int
+    mu: np.ndarray
+    sigma: np.ndarray
+    returns: np.ndarray
+    steps: np.ndarray
+    seeds: np.ndarray
+    total_steps: int
+    seconds: float
+    cpu_seconds: float = 0.0
 
 
 class RunWriter:
@@ -101,34 +128,12 @@ class RunWriter:
         self._file.write(cloud, now, generation, topic=topic)
 
     @uninterrupted()
-    def generation(
-        self,
-        index: int,
-        mu: np.ndarray,
-        sigma: np.ndarray,
-        returns: np.ndarray,
-        steps: np.ndarray,
-        seeds: np.ndarray,
-        seconds: float,
-        total_steps: int,
-        cpu_seconds: float = 0.0,
-    ) -> None:
-        """Record a generation.
-
-        Args:
-            index: of the generation, from 0.
-            mu, sigma: (P,) the distribution that it was sampled from; stored as float32.
-            returns: (N, R) float64, return of each episode of each candidate.
-            steps: (N, R) their lengths.
-            seeds: (N, R) their seeds.
-            seconds: s of wall time that the run has taken so far.
-            total_steps: environment steps of the run so far.
-            cpu_seconds: s of processor time that the run has taken so far; 0: not known.
-        """
-        mu, sigma = np.asarray(mu, dtype=np.float32), np.asarray(sigma, dtype=np.float32)
-        fitness = np.mean(returns, axis=1)
+    def generation(self, of: Generation) -> None:
+        """Record a generation."""
+        mu, sigma = (np.asarray(values, dtype=np.float32) for values in (of.mu, of.sigma))
+        fitness = np.mean(of.returns, axis=1)
         summary = schema.Summary(
-            generation=index,
+            generation=of.index,
             mean=fitness.mean(),
             sd=fitness.std(),
             best=fitness.max(),
@@ -136,10 +141,10 @@ class RunWriter:
             sigma_mean=sigma.mean(dtype=np.float64),
             sigma_min=sigma.min(),
             sigma_max=sigma.max(),
-            steps=int(np.sum(steps)),
-            total_steps=total_steps,
-            seconds=seconds,
-            cpu_seconds=cpu_seconds,
+            steps=int(np.sum(of.steps)),
+            total_steps=of.total_steps,
+            seconds=of.seconds,
+            cpu_seconds=of.cpu_seconds,
         )
         self._write(summary)
         if self._design is not None:
@@ -150,20 +155,22 @@ class RunWriter:
             self._scales = scales[0]
             if not self._drawn:
                 self._drawn, original = True, np.ones(size)
-                self._draw("/original", index, original, ORIGINAL_AT, ORIGINAL_COLOR)
-                self._draw("/body", index, self._scales)
+                self._draw("/original", of.index, original, ORIGINAL_AT, ORIGINAL_COLOR)
+                self._draw("/body", of.index, self._scales)
             design = schema.Design(
-                generation=index, mu=m, sigma=s, dimensions=sizes, lower=lower, upper=upper
+                generation=of.index, mu=m, sigma=s, dimensions=sizes, lower=lower, upper=upper
             )
             self._write(design, self._design.names, self._design.unit)
-        distribution = schema.Distribution(generation=index, mu=mu.tolist(), sigma=sigma.tolist())
+        distribution = schema.Distribution(
+            generation=of.index, mu=mu.tolist(), sigma=sigma.tolist()
+        )
         self._write(distribution)
         episodes = schema.Returns(
-            generation=index,
-            rollouts=np.shape(returns)[1],
-            returns=np.ravel(returns).tolist(),
-            steps=np.ravel(steps).tolist(),
-            seeds=np.ravel(seeds).tolist(),
+            generation=of.index,
+            rollouts=np.shape(of.returns)[1],
+            returns=np.ravel(of.returns).tolist(),
+            steps=np.ravel(of.steps).tolist(),
+            seeds=np.ravel(of.seeds).tolist(),
         )
         self._write(episodes)
         self._file.seal_if_due()

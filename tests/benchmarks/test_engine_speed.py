@@ -11,7 +11,6 @@ runs for a moment, and the ratio is the median over the rounds, so that a machin
 still gives the same ratio.
 """
 
-import os
 from functools import partial
 from itertools import count
 
@@ -21,14 +20,15 @@ import pytest
 from test_environment_speed import AntEpisode, RandomActions
 
 from designrl import engine
-from designrl.checkpoint import PRETRAINED, load
 from designrl.envs import engine_task
 from designrl.experiments import get_experiment
+from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
+from designrl.provenance import core_count
 from designrl.simulation import Episodes, run_engine, run_episode
 
 REASON = engine.missing_reason()
-CORES = len(os.sched_getaffinity(0))
+CORES = core_count()
 CANDIDATES, ROLLOUTS = 192, 2  # the paper's population
 EXPERIMENT = get_experiment("biped-hardcore")
 POLICIES = 0.3 * np.random.default_rng(0).standard_normal((CANDIDATES, EXPERIMENT.num_parameters))

@@ -15,7 +15,7 @@ from test_recording import generation
 
 from designrl.experiments import get_experiment
 from designrl.policy import Agent
-from designrl.recording import RunWriter, read, record_rollout
+from designrl.recording import Generation, RunWriter, read, record_rollout
 from designrl.settings import TrainSettings
 from designrl.simulation import Simulator
 
@@ -41,7 +41,7 @@ def test_recording_a_generation(benchmark, name, tmp_path):
     with RunWriter(path, {"experiment": name}) as writer:
 
         def record(**values):
-            writer.generation(**values)
+            writer.generation(Generation(**values))
             writer.flush()
 
         benchmark.pedantic(record, setup=generations.__next__, rounds=50, warmup_rounds=1)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from test_engine_speed import CORES, needs_engine
 
-from designrl.engine.verify_vector import ANT_ID, HARDCORE_ID
+from designrl.verify.vector import ANT_ID, HARDCORE_ID
 
 ENVPOOL = {HARDCORE_ID: "BipedalWalkerHardcore-v3", ANT_ID: "Ant-v4"}
 AT_LEAST = {HARDCORE_ID: 5.0, ANT_ID: 4.0}  # times EnvPool

@@ -1,5 +1,5 @@
 // The library's interface, plain C for ctypes: picks the task and the instruction set and runs the
-// threads. Compiled for the baseline, so that it runs on any x86-64.
+// threads. Compiled for the baseline, so that on x86-64 it runs on any.
 #include <sys/mman.h>
 
 #include <atomic>
@@ -16,6 +16,11 @@
 #include "common/policy.h"
 #include "crew.h"
 
+namespace engine_portable {
+namespace walker { extern const TaskEntry kTask; }
+namespace ant { extern const TaskEntry kTask; }
+}
+#ifdef ENGINE_ALL_KINDS
 namespace engine_sse2 {
 namespace walker { extern const TaskEntry kTask; }
 namespace ant { extern const TaskEntry kTask; }
@@ -28,6 +33,7 @@ namespace engine_avx512 {
 namespace walker { extern const TaskEntry kTask; }
 namespace ant { extern const TaskEntry kTask; }
 }
+#endif
 
 namespace {
 
@@ -38,6 +44,7 @@ struct Variant {
 };
 
 const Variant kVariants[] = {  // the best first
+#ifdef ENGINE_ALL_KINDS
     {"avx512",
      [] { return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
                  __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw"); },
@@ -46,6 +53,9 @@ const Variant kVariants[] = {  // the best first
      [] { return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"); },
      {&engine_avx2::walker::kTask, &engine_avx2::ant::kTask}},
     {"sse2", [] { return true; }, {&engine_sse2::walker::kTask, &engine_sse2::ant::kTask}},
+#endif
+    {"portable", [] { return true; },
+     {&engine_portable::walker::kTask, &engine_portable::ant::kTask}},
 };
 
 const Variant* find_variant(const char* name) {
@@ -71,7 +81,9 @@ void* allocate(size_t bytes) {
   bytes = (bytes + alignment - 1) / alignment * alignment;
   void* memory = std::aligned_alloc(alignment, bytes);
   if (!memory) return nullptr;
+#ifdef MADV_HUGEPAGE
   if (alignment == kHugePage) madvise(memory, bytes, MADV_HUGEPAGE);  // refused: nothing is lost
+#endif
   return std::memset(memory, 0, bytes);
 }
 
@@ -115,6 +127,11 @@ class Stepper {
                         restore);
   }
 
+  void write_poses(double* poses) const {
+    for (const Group& group : groups_)
+      task_.group_poses(group.memory.get(), group.count, poses + group.first * 7 * task_.parts);
+  }
+
  private:
   struct Group {
     int64_t first;
@@ -141,14 +158,15 @@ const char* designrl_engine_isa(const char* name) {
 }
 
 // What a task says of itself: the names of its flags, and how many observations, actions,
-// dimensions it has, and terms of its reward. Null if there is none of that name.
-const char* designrl_engine_describe(const char* name, int32_t counts[4]) {
+// dimensions it has, terms of its reward and parts of its body. Null if there is none of that name.
+const char* designrl_engine_describe(const char* name, int32_t counts[5]) {
   const TaskEntry* task = find_task(find_variant(nullptr), name);
   if (!task) return nullptr;
   counts[0] = task->observations;
   counts[1] = task->actions;
   counts[2] = task->design;
   counts[3] = task->terms;
+  counts[4] = task->parts;
   return task->flags;
 }
 
@@ -209,5 +227,10 @@ int64_t designrl_stepper_states(void** owner, char* states, bool restore) {
 }
 void designrl_stepper_free(void** owner) {
   delete static_cast<Stepper*>(std::exchange(*owner, nullptr));
+}
+// poses: (environments, parts, 7), see Task in common/episodes.h. False: they are gone.
+bool designrl_stepper_poses(void* const* owner, double* poses) {
+  if (*owner) static_cast<const Stepper*>(*owner)->write_poses(poses);
+  return *owner;
 }
 }

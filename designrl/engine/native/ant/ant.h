@@ -20,8 +20,8 @@
 // bullet/ follows Bullet 3 operation by operation (Erwin Coumans and others, bulletphysics.org,
 // zlib licence; this is an altered version, written anew for this one body), as PyBullet's wheel
 // computes it: in double precision, without fused multiply-adds, with sine and cosine of the C
-// library that runs, which is the one that PyBullet calls. What has no effect here is left out:
-// warm starting, sleeping, islands, split impulses, motors, the broad phase.
+// library (common/elementary.h). What has no effect here is left out: warm starting, sleeping,
+// islands, split impulses, motors, the broad phase.
 #pragma once
 
 #include "ant/bullet/world.h"
@@ -34,8 +34,8 @@ constexpr char kFlagNames[] = "";
 
 // Python calls them one by one. Inlined, GCC would make one sincos of two calls for the same angle,
 // and nobody promises that it has their bits.
-__attribute__((noinline)) inline double sine(double a) { return std::sin(a); }
-__attribute__((noinline)) inline double cosine(double a) { return std::cos(a); }
+__attribute__((noinline)) inline double sine_alone(double a) { return sine(a); }
+__attribute__((noinline)) inline double cosine_alone(double a) { return cosine(a); }
 
 // math.hypot, which differs from the C library's: with the rounding errors of the squares and of
 // their sum (Dekker 1971), the root is corrected to the nearest number.
@@ -48,31 +48,43 @@ inline double hypotenuse(double x, double y) {
   const double xx = x * x, yy = y * y, sum = xx + yy;
   const double more = xx > yy ? xx : yy, less = xx > yy ? yy : xx;
   const double error = ((more - sum) + less) + (square_error(x, xx) + square_error(y, yy));
-  const double root = std::sqrt(sum), square = root * root;
+  const double root = sqrt(sum), square = root * root;
   return root + (((sum - square) - square_error(root, square)) + error) / (2.0 * root);
 }
 
 // btMatrix3x3::getRotation: a quaternion x, y, z, w.
-inline void get_rotation(const Mat3<double>& m, double* q) {
-  const double e[3][3] = {{m.row[0].x, m.row[0].y, m.row[0].z},
+template <class F>
+inline void get_rotation(const Mat3<F>& m, F* q) {
+  const F e[3][3] = {{m.row[0].x, m.row[0].y, m.row[0].z},
                           {m.row[1].x, m.row[1].y, m.row[1].z},
                           {m.row[2].x, m.row[2].y, m.row[2].z}};
-  const double trace = e[0][0] + e[1][1] + e[2][2];
-  if (trace > 0.0) {
-    const double root = std::sqrt(trace + 1.0), s = 0.5 / root;
-    q[3] = root * 0.5;
+  const F trace = e[0][0] + e[1][1] + e[2][2];
+  if (trace > F(0)) {
+    const F root = F(sqrt(double(trace + F(1)))), s = F(0.5) / root;
+    q[3] = root * F(0.5);
     q[0] = (e[2][1] - e[1][2]) * s;
     q[1] = (e[0][2] - e[2][0]) * s;
     q[2] = (e[1][0] - e[0][1]) * s;
   } else {
     const int i = e[0][0] < e[1][1] ? (e[1][1] < e[2][2] ? 2 : 1) : (e[0][0] < e[2][2] ? 2 : 0);
     const int j = (i + 1) % 3, k = (i + 2) % 3;
-    const double root = std::sqrt(e[i][i] - e[j][j] - e[k][k] + 1.0), s = 0.5 / root;
-    q[i] = root * 0.5;
+    const F root = F(sqrt(double(e[i][i] - e[j][j] - e[k][k] + F(1)))), s = F(0.5) / root;
+    q[i] = root * F(0.5);
     q[3] = (e[k][j] - e[j][k]) * s;
     q[j] = (e[j][i] + e[i][j]) * s;
     q[k] = (e[k][i] + e[i][k]) * s;
   }
+}
+
+// b3Matrix3x3::setRotation.
+inline Mat3<float> turned_by(const float* q) {
+  const float x = q[0], y = q[1], z = q[2], w = q[3], s = 2.0f / (x * x + y * y + z * z + w * w);
+  const float xs = x * s, ys = y * s, zs = z * s;
+  const float wx = w * xs, wy = w * ys, wz = w * zs, xx = x * xs, xy = x * ys, xz = x * zs;
+  const float yy = y * ys, yz = y * zs, zz = z * zs;
+  return {{{1.0f - (yy + zz), xy - wz, xz + wy},
+           {xy + wz, 1.0f - (xx + zz), yz - wx},
+           {xz - wy, yz + wx, 1.0f - (xx + yy)}}};
 }
 
 struct Euler {
@@ -82,10 +94,10 @@ struct Euler {
 inline Euler euler(const double* q) {
   const double xx = q[0] * q[0], yy = q[1] * q[1], zz = q[2] * q[2], ww = q[3] * q[3];
   const double sine = -2 * (q[0] * q[2] - q[3] * q[1]);
-  if (sine <= -0.99999) return {0.0, -0.5 * kPi, 2 * std::atan2(q[0], -q[1])};
-  if (sine >= 0.99999) return {0.0, 0.5 * kPi, 2 * std::atan2(-q[0], q[1])};
-  return {std::atan2(2 * (q[1] * q[2] + q[3] * q[0]), ww - xx - yy + zz), std::asin(sine),
-          std::atan2(2 * (q[0] * q[1] + q[3] * q[2]), ww + xx - yy - zz)};
+  if (sine <= -0.99999) return {0.0, -0.5 * kPi, 2 * arc_tangent(q[0], -q[1])};
+  if (sine >= 0.99999) return {0.0, 0.5 * kPi, 2 * arc_tangent(-q[0], q[1])};
+  return {arc_tangent(2 * (q[1] * q[2] + q[3] * q[0]), ww - xx - yy + zz), arc_sine(sine),
+          arc_tangent(2 * (q[0] * q[1] + q[3] * q[2]), ww + xx - yy - zz)};
 }
 
 struct Lanes : World {
@@ -96,6 +108,7 @@ struct Lanes : World {
 class Ant {
  public:
   static constexpr int kObservations = 28, kActions = kJoints, kDesign = kDimensions;
+  static constexpr int kParts = 1 + kLegs * kLegParts;
   static constexpr int kLanes = kDoubles, kPutOff = 0, kHeld = kLanes;
   static constexpr double kSolvedReturn = HUGE_VAL, kSolvedBonus = 0.0;  // it is never solved
   static constexpr bool kStartSolves = false;
@@ -120,7 +133,7 @@ class Ant {
     if (starts_) return;
     for (int j = 0; j < kJoints; ++j) {
       action_[j] = action[j];
-      if (!std::isfinite(action_[j])) {  // the environment refuses it
+      if (!__builtin_isfinite(action_[j])) {  // the environment refuses it
         failed_ = true;
         action_[j] = 0.0;
       }
@@ -165,7 +178,7 @@ class Ant {
 
     double power = 0.0, effort = 0.0;
     for (int j = 0; j < kJoints; ++j) {
-      power += std::fabs(action_[j] * speed_[j]);
+      power += fabs(action_[j] * speed_[j]);
       effort += action_[j] * action_[j];
     }
     const bool alive = height_ > kFallenHeight;
@@ -182,6 +195,20 @@ class Ant {
     outcome.fell = false;  // what a fall costs is a reward like others
   }
   bool failed() const { return failed_; }
+
+  // Ant.body_poses, from its lane.
+  void poses(const Lanes& lanes, double* to) const {
+    const Kinematics& parts = lanes.parts;
+    to[0] = lanes.state.position.x[lane_];
+    to[1] = lanes.state.position.y[lane_];
+    to[2] = lanes.state.position.z[lane_];
+    get_rotation(lane_of(parts.torso, lane_), to + 3);
+    for (int leg = 0; leg < kLegs; ++leg)
+      for (int k = 0; k < kLegParts; ++k) {
+        const Vec3<double> centre = lane_of(parts.origin[leg][k], lane_);
+        write_part(centre, lane_of(parts.rotation(leg, k), lane_), body_.legs[leg][k].arm, to += 7);
+      }
+  }
 
   static constexpr size_t kLaneBytes = sizeof(WorldState) / kDoubles;
   void save_lane(const Lanes& lanes, char* to) const { lanes.save(lane_, to); }
@@ -206,6 +233,26 @@ class Ant {
   double height_, velocity_[3], angle_[kJoints], speed_[kJoints];
   double x_[kLegs][kLegParts], y_[kLegs][kLegParts];  // m, of the parts
   bool touches_[kLegs];                               // the feet, the floor
+
+  // b3GetLinkState: from its centre's pose, a part's frame is found in single precision.
+  static void write_part(const Vec3<double>& centre, const Mat3<double>& turn,
+                         const Vec3<double>& arm, double* to) {
+    double rotation[4];
+    float q[4];
+    get_rotation(turn, rotation);
+    for (int i = 0; i < 4; ++i) q[i] = float(rotation[i]);
+    // The products with the identity, which is how the parts sit in their frames, tell 0 and -0.
+    const Mat3<float> identity = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+    Mat3<float> turned = turned_by(q);
+    const Vec3<float> arm32 = {float(arm.x), float(arm.y), float(arm.z)};
+    const Vec3<float> moved = turned * (identity * Vec3<float>{-arm32.x, -arm32.y, -arm32.z});
+    for (Vec3<float>& row : turned.row) row = transposed_times(identity, row);
+    to[0] = moved.x + float(centre.x);
+    to[1] = moved.y + float(centre.y);
+    to[2] = moved.z + float(centre.z);
+    get_rotation(turned, q);
+    for (int i = 0; i < 4; ++i) to[3 + i] = q[i];
+  }
 
   void build(const double* scales) {
     body_.torso = make_torso();
@@ -245,12 +292,12 @@ class Ant {
     }
     const double ahead = kTargetX - x / kLinks, aside = y / kLinks;
     distance_ = hypotenuse(ahead, aside);
-    const double angle = std::atan2(-aside, ahead) - turned.yaw;
-    const double c = cosine(turned.yaw), s = sine(turned.yaw);
+    const double angle = arc_tangent(-aside, ahead) - turned.yaw;
+    const double c = cosine_alone(turned.yaw), s = sine_alone(turned.yaw);
     const double vx = velocity_[0], vy = velocity_[1], vz = velocity_[2];
     double values[kObservations] = {height_ - kTorsoHeight,
-                                    sine(angle),
-                                    cosine(angle),
+                                    sine_alone(angle),
+                                    cosine_alone(angle),
                                     kSpeedScale * (c * vx + s * vy),
                                     kSpeedScale * (c * vy - s * vx),
                                     kSpeedScale * vz,

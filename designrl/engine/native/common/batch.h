@@ -3,8 +3,8 @@
 // designrl/engine/__init__.py, too.
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
+#include <stddef.h>
+#include <stdint.h>
 
 struct Batch {
   const int32_t* sizes;          // (layers + 1,) of the network: inputs, each layer's outputs
@@ -53,7 +53,7 @@ struct Stepping {
 // A task compiled for one instruction set.
 struct TaskEntry {
   const char* name;
-  int32_t observations, actions, design, terms;
+  int32_t observations, actions, design, terms, parts;
   const char* flags;  // names, separated by spaces
   size_t (*thread_bytes)();
   // Runs episodes until none is left. memory: thread_bytes() zero bytes, aligned to 64. share: of
@@ -65,6 +65,8 @@ struct TaskEntry {
   int32_t held;
   size_t (*group_bytes)(int count);
   void (*step_group)(const Stepping&, void* memory, int64_t first, int count);
+  // Where the bodies of a group are: (count, parts, 7).
+  void (*group_poses)(const void* memory, int count, double* poses);
   // Copies what a group's environments go on from: (count, state_bytes()), the same for every
   // instruction set and place in a group. restore: into the group, else out of it.
   size_t (*state_bytes)();

@@ -9,6 +9,7 @@
 //                                        are so many; 0: none is
 //   kHeld                                episodes that a thread holds
 //   kTerms                               of the environment's rewards
+//   kParts                               of the body
 //   kStartSolves                         whether the round after reset is a step of physics
 //   kSolvedReturn, kSolvedBonus          points, of the shaped rewards
 //   Networks                             its own policies, FixedNetworks
@@ -24,6 +25,8 @@
 //   store_solved(solver, lane)           where some are put off: what these have after the others,
 //                                        the i-th in lane kLanes + i
 //   finish_step(flags, outcome)          the rest of the step: observation, reward and its terms
+//   poses(solver, to)                    (kParts, 7) of the parts' frames, those of
+//                                        designrl/bodies: position in m, quaternion x, y, z, w
 //   failed()                             a capacity was exceeded, the episode is void
 //   kLaneBytes, save_lane(solver, to),   what of the task is in the solver between two steps, and
 //   restore_lane(solver, lane, from)     copies of it; `lane` is the one that it takes from then on
@@ -118,6 +121,10 @@ class Episode {
   bool active = false;  // an episode is under way
   bool begun = false;   // and a step of it
   Task task;
+
+  const Outcome<Task>& outcome() const { return outcome_; }
+  double total() const { return total_; }  // of the rewards so far
+  int64_t steps() const { return steps_; }
 
   // Takes the next episode; false if there is none left.
   bool start(Batch& batch) {

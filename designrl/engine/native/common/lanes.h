@@ -1,13 +1,15 @@
-// Vectors of lanes for SSE2, AVX2 and AVX-512: arithmetic comes with the compiler's vector types,
+// Vectors of lanes: arithmetic comes with the compiler's vector types. For SSE2, AVX2 and AVX-512,
 // comparisons, selection and minimum are spelled out, because compilers do not find the single
 // instructions for them. All operations act on each lane alone and round as scalar code does.
 #pragma once
 
-#include <immintrin.h>
-
-#include <cstdint>
+#include <stdint.h>
 
 #include "common/isa.h"
+
+#if !ENGINE_PORTABLE
+#include <immintrin.h>
+#endif
 
 namespace ENGINE {
 
@@ -18,7 +20,27 @@ constexpr int kChunks = 4;                       // independent vectors that hid
 constexpr int kLanes = kWidth * kChunks;
 
 // minimum(a, b) is a < b ? a : b, as for single numbers below, also where both are equal.
-#if ENGINE_VECTOR_BYTES == 64
+#if ENGINE_PORTABLE
+typedef int32_t Mask __attribute__((vector_size(ENGINE_VECTOR_BYTES)));  // of all bits, or none
+inline Mask less(Vector a, Vector b) { return (Mask)(a < b); }
+inline Mask at_least(Vector a, Vector b) { return (Mask)(a >= b); }
+inline Mask both(Mask a, Mask b) { return a & b; }
+inline Mask either(Mask a, Mask b) { return a | b; }
+inline Mask but_not(Mask a, Mask b) { return a & ~b; }
+inline uint32_t lane_bits(Mask m) {
+  m = m & Mask{1, 2, 4, 8};
+  return uint32_t(m[0] | m[1] | m[2] | m[3]);
+}
+inline Vector select(Mask m, Vector a, Vector b) {
+  return (Vector)(((Mask)a & m) | ((Mask)b & ~m));
+}
+inline Vector minimum(Vector a, Vector b) { return select(less(a, b), a, b); }
+inline Vector maximum(Vector a, Vector b) { return select(less(b, a), a, b); }
+inline Vector square_root(Vector a) {
+  return Vector{__builtin_sqrtf(a[0]), __builtin_sqrtf(a[1]), __builtin_sqrtf(a[2]),
+                __builtin_sqrtf(a[3])};
+}
+#elif ENGINE_VECTOR_BYTES == 64
 typedef __mmask16 Mask;
 inline Vector minimum(Vector a, Vector b) { return (Vector)_mm512_min_ps((__m512)a, (__m512)b); }
 inline Vector maximum(Vector a, Vector b) { return (Vector)_mm512_max_ps((__m512)a, (__m512)b); }
@@ -74,11 +96,20 @@ inline Mask first_lanes(int count) {
 
 // Four numbers, with any instruction set.
 typedef float Four __attribute__((vector_size(16)));
-typedef int32_t FourIndices __attribute__((vector_size(16)));  // for __builtin_shuffle
 #if ENGINE_VECTOR_BYTES > 16
 inline Four minimum(Four a, Four b) { return _mm_min_ps(a, b); }
 inline Four maximum(Four a, Four b) { return _mm_max_ps(a, b); }
 #endif
+// Those at four places of a, followed by b.
+template <int i, int j, int k, int l>
+inline Four shuffle(Four a, Four b) {
+#ifdef __clang__
+  return __builtin_shufflevector(a, b, i, j, k, l);
+#else
+  typedef int32_t Places __attribute__((vector_size(16)));
+  return __builtin_shuffle(a, b, Places{i, j, k, l});
+#endif
+}
 
 // The same for a single number, so that a kernel can be written once for both.
 inline float minimum(float a, float b) { return a < b ? a : b; }

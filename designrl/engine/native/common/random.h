@@ -1,8 +1,8 @@
 // NumPy's random generator as Gymnasium seeds it: Generator(PCG64(SeedSequence(seed))).
 #pragma once
 
-#include <cmath>
-#include <cstdint>
+#include <math.h>
+#include <stdint.h>
 
 #include "common/isa.h"
 #include "common/ziggurat.h"
@@ -89,14 +89,16 @@ class Generator {
       if (bits < kZigguratInside[layer]) return x;  // 99 of 100 times
       if (layer == 0) {
         for (;;) {
-          const double beyond = -kZigguratInverseEdge * std::log1p(-random());
-          const double y = -std::log1p(-random());
+          // log1p and exp are the C library's, whichever it is: their last bit is compared, or
+          // rounded away, and changes one draw in some 10¹².
+          const double beyond = -kZigguratInverseEdge * log1p(-random());
+          const double y = -log1p(-random());
           if (y + y > beyond * beyond)
             return bits >> 8 & 1 ? -(kZigguratEdge + beyond) : kZigguratEdge + beyond;
         }
       }
       const double above = kZigguratCurve[layer - 1] - kZigguratCurve[layer];
-      if (above * random() + kZigguratCurve[layer] < std::exp(-0.5 * x * x)) return x;
+      if (above * random() + kZigguratCurve[layer] < exp(-0.5 * x * x)) return x;
     }
   }
 

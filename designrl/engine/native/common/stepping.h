@@ -2,7 +2,7 @@
 // episodes.h, in groups that keep their worlds from call to call.
 #pragma once
 
-#include <cstring>
+#include <string.h>
 
 #include "common/episodes.h"
 
@@ -50,16 +50,16 @@ class Environment {
   // All that the coming steps depend on; Task::kLaneBytes of it are in the solver.
   static size_t state_bytes() { return sizeof(Environment) + Task::kLaneBytes; }
   void save(const typename Task::Solver& solver, char* to) const {
-    std::memcpy(to, static_cast<const void*>(this), sizeof *this);
+    memcpy(to, static_cast<const void*>(this), sizeof *this);
     task.save_lane(solver, to + sizeof *this);
   }
   void restore(typename Task::Solver& solver, int lane, const char* from) {
-    std::memcpy(static_cast<void*>(this), from, sizeof *this);
+    memcpy(static_cast<void*>(this), from, sizeof *this);
     task.restore_lane(solver, lane, from + sizeof *this);
   }
 
   void write_observation(float* observations, int64_t i) const {
-    std::memcpy(observations + Task::kObservations * i, outcome_.observation,
+    memcpy(observations + Task::kObservations * i, outcome_.observation,
                 Task::kObservations * sizeof(float));
   }
 
@@ -112,6 +112,14 @@ void step_group(const Stepping& all, void* memory, int64_t first, int count) {
     group.environments[e].write_observation(all.observations, first + e);
 }
 
+// TaskEntry::group_poses.
+template <class Task>
+void group_poses(const void* memory, int count, double* poses) {
+  const Group<Task>& group = *static_cast<const Group<Task>*>(memory);
+  for (int e = 0; e < count; ++e)
+    group.environments[e].task.poses(group.solver, poses + e * 7 * Task::kParts);
+}
+
 // TaskEntry::copy_states.
 template <class Task>
 void copy_states(void* memory, int count, char* states, bool restore) {
@@ -130,12 +138,14 @@ constexpr TaskEntry task_entry(const char* name, const char* flags) {
           Task::kActions,
           Task::kDesign,
           Task::kTerms,
+          Task::kParts,
           flags,
           [] { return sizeof(Thread<Task>); },
           run_episodes<Task>,
           Task::kLanes,
           group_bytes<Task>,
           step_group<Task>,
+          group_poses<Task>,
           Environment<Task>::state_bytes,
           copy_states<Task>};
 }

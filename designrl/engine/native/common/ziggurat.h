@@ -2,7 +2,7 @@
 // to the bit (NumPy, BSD licence): ziggurat_constants.h of its random/src/distributions.
 #pragma once
 
-#include <cstdint>
+#include <stdint.h>
 
 #include "common/isa.h"
 

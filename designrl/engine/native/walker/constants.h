@@ -11,6 +11,7 @@ constexpr double kHipSpeed = 4.0;             // rad/s
 constexpr double kKneeSpeed = 6.0;            // rad/s
 constexpr double kLegDown = -8.0 / kScale;    // m from the hull's origin to the hips
 constexpr double kViewportWidth = 600.0, kViewportHeight = 400.0;  // length units
+constexpr float kStartTilts[2] = {-0.05f, 0.05f};  // rad, of the legs
 constexpr double kTerrainStep = 14.0 / kScale;                     // m
 constexpr int kTerrainLength = 200;           // terrain steps
 constexpr double kTerrainHeight = kViewportHeight / kScale / 4.0;  // m

@@ -2,7 +2,7 @@
 // this table, and uses nothing else of the task.
 #pragma once
 
-#include <cstdint>
+#include <stdint.h>
 
 #include "common/isa.h"
 

@@ -33,7 +33,7 @@ inline Part<double> make_torso() {
   part.inertia = {inertia, inertia, inertia};
   part.radius = r;
   const double side = r + r;
-  part.breaking = std::sqrt(side * side + side * side + side * side) * 0.5 * kBreakingShare;
+  part.breaking = sqrt(side * side + side * side + side * side) * 0.5 * kBreakingShare;
   return part;
 }
 
@@ -48,7 +48,7 @@ inline double read(double number) {
 inline Part<double> make_capsule(double dx, double dy, double radius) {
   Part<double> part = {};
   const double end[3] = {read(dx), read(dy), 0.0}, r = read(radius);
-  const double height = std::sqrt(end[0] * end[0] + end[1] * end[1] + end[2] * end[2]);
+  const double height = sqrt(end[0] * end[0] + end[1] * end[1] + end[2] * end[2]);
   part.mass = kDensity * (4.0 / 3.0 * kPi * r * r * r + kPi * r * r * height);
 
   // btConvexInternalAabbCachingShape: a box around the two spheres, found from the support points
@@ -83,7 +83,7 @@ inline Part<double> make_capsule(double dx, double dy, double radius) {
     diagonal += extent * extent;
     offset += middle * middle;
   }
-  part.breaking = (std::sqrt(diagonal) * 0.5 + std::sqrt(offset)) * kBreakingShare;
+  part.breaking = (sqrt(diagonal) * 0.5 + sqrt(offset)) * kBreakingShare;
 
   part.arm = {arm[0], arm[1], arm[2]};
   part.end = {end[0], end[1], end[2]};

@@ -6,6 +6,7 @@
 #pragma once
 
 #include "ant/bullet/body.h"
+#include "common/elementary.h"
 
 namespace ENGINE::ant {
 
@@ -42,7 +43,7 @@ struct Kinematics {
       for (int l = 0; l < kDoubles; ++l) {
         const double half = -state.angle[j][l] * 0.5;
         double sine, cosine;
-        ::sincos(half, &sine, &cosine);
+        sincos(half, sine, cosine);
         s[l] = sine;
         c[l] = cosine;
       }
@@ -51,7 +52,7 @@ struct Kinematics {
       if (j % 2 == 0) {
         joint_rotation[j] = {zero, zero, s, c};
       } else {
-        s = s / std::sqrt(2.0);  // the axis' length
+        s = s / sqrt(2.0);  // the axis' length
         joint_rotation[j] = {kAnkleX[leg] * s, s, zero, c};
       }
       joint_arm[j] = rotate(joint_rotation[j], body.legs[leg][j % 2].arm);

@@ -1,7 +1,7 @@
 // Vectors, matrices and quaternions (Bullet's LinearMath), of single numbers and of lanes.
 //
 // The order of each sum is Bullet's. Where a factor is known to be zero, its product is left out:
-// adding it would change nothing but the sign of a zero, and no bit that engine/verify.py compares
+// adding it would change nothing but the sign of a zero, and no bit that designrl.verify compares
 // depends on one.
 #pragma once
 

@@ -2,7 +2,7 @@
 // floor.
 #pragma once
 
-#include <cstring>
+#include <string.h>
 
 #include "ant/bullet/constraint_solver.h"
 
@@ -24,14 +24,14 @@ struct WorldState {
     const Double* vectors = reinterpret_cast<const Double*>(this);
     for (size_t i = 0; i < sizeof *this / sizeof *vectors; ++i) {
       const double number = vectors[i][l];
-      std::memcpy(to + i * sizeof number, &number, sizeof number);
+      memcpy(to + i * sizeof number, &number, sizeof number);
     }
   }
   void restore(int l, const char* from) {
     Double* vectors = reinterpret_cast<Double*>(this);
     for (size_t i = 0; i < sizeof *this / sizeof *vectors; ++i) {
       double number;
-      std::memcpy(&number, from + i * sizeof number, sizeof number);
+      memcpy(&number, from + i * sizeof number, sizeof number);
       vectors[i][l] = number;
     }
   }
@@ -88,8 +88,8 @@ struct World : WorldState {
     Double speed = square_root(dot(turn, turn)), sine, cosine;
     speed = select(less(splat(kMaxTurn), speed * h), splat(kMaxTurn / h), speed);
     for (int l = 0; l < kDoubles; ++l) {
-      sine[l] = std::sin(0.5 * speed[l] * h);
-      cosine[l] = std::cos(speed[l] * h * 0.5);
+      sine[l] = ENGINE::sine(0.5 * speed[l] * h);
+      cosine[l] = ENGINE::cosine(speed[l] * h * 0.5);
     }
     // sin(speed h / 2) / speed, near 0 by its Taylor series.
     const Double share = select(less(speed, splat(0.001)),

@@ -2,9 +2,9 @@
 // Box2D's order: the sums below must not be rearranged.
 #pragma once
 
-#include <cmath>
+#include <math.h>
 
-#include "common/lanes.h"
+#include "common/sincos.h"
 #include "walker/box2d/settings.h"
 
 namespace ENGINE::walker {
@@ -46,8 +46,7 @@ struct Rot {
 
 inline Rot rotation(float angle) {
   Rot q;
-  // One call gives the bits of sinf and cosf (glibc shares their polynomials).
-  sincosf(angle, &q.s, &q.c);
+  sincos(angle, q.s, q.c);
   return q;
 }
 inline Vec2 mul(Rot q, Vec2 v) { return {q.c * v.x - q.s * v.y, q.s * v.x + q.c * v.y}; }
@@ -112,10 +111,11 @@ inline Aabb to_box(Four v) {
   return a;
 }
 inline Four combine(Four a, Four b) {
-  return __builtin_shuffle(minimum(a, b), maximum(a, b), FourIndices{0, 1, 6, 7});
+  const Four low = minimum(a, b), high = maximum(a, b);
+  return shuffle<0, 1, 6, 7>(low, high);
 }
 inline float perimeter(Four a) {
-  const Four size = __builtin_shuffle(a, FourIndices{2, 3, 2, 3}) - a;
+  const Four size = shuffle<2, 3, 2, 3>(a, a) - a;
   return 2.0f * (size[0] + size[1]);
 }
 

@@ -68,7 +68,7 @@ inline void move(Place<F>& at, F x, F y, M lanes) {
 }
 inline void turn(Place<float>& at, float angle, bool) {
   at.a = angle;
-  sincosf(angle, &at.s, &at.c);
+  sincos(angle, at.s, at.c);
 }
 inline void turn(Place<Vector>& at, Vector angle, Mask lanes) {
   at.a = select(lanes, angle, at.a);

@@ -79,7 +79,7 @@ struct SweptPolygon {
     Four low, high;
     for (int i = 0; i < count; ++i) {
       const Four products = nx_ny * (ends[i] - start);
-      const Four sums = products + __builtin_shuffle(products, FourIndices{2, 3, 0, 1});
+      const Four sums = products + shuffle<2, 3, 0, 1>(products, products);
       low = i ? minimum(low, sums) : sums;
       high = i ? maximum(high, sums) : sums;
     }

@@ -1,15 +1,14 @@
 """Train the published runs, or those of them that are missing.
 
-    make zoo                  one run on each core; each is published when it is done
-    make zoo ONLY=biped       those of one experiment, or of several: ONLY="biped ant"
-    make verify-zoo           train the first generations of every published run again and compare
+    make train-all            one run on each core; each is published when it is done
+    make train-all ONLY=biped those of one experiment, or of several: ONLY="biped ant"
+    make verify-runs          train the first generations of every published run again and compare
 
 Which runs there are is decided by `plan`, and how each is trained by its experiment's recipe.
-Ctrl-C saves all; the next call goes on. What is not done yet is in runs/zoo.
+Ctrl-C saves all; the next call goes on. What is not done yet is in runs/all.
 """
 
 import argparse
-import os
 import shutil
 import signal
 import subprocess
@@ -28,6 +27,7 @@ from designrl.checkpoint import STATE_FORMAT, load, read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import write_atomically
+from designrl.provenance import core_count
 from designrl.recording import read, thin
 from designrl.recording.run import KEPT
 from designrl.settings import TrainSettings
@@ -39,9 +39,11 @@ from reproduce.publish import publish
 # How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
 FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
 LATER = {"f": 5, "h": 5, "b": 10, "a": 10}
-SOLVED = 300.0  # points, at which the runs with the paper's own settings end
-PAPER = {"recipe": "paper", "stop_score": SOLVED}
-HEADLINE = ("biped-hardcore-morphology", "biped-hardcore")  # they have such a run, too: Figure 5
+# Runs with the paper's own settings, by letter and seed, in the order in which they are trained.
+# Fixed before they start, and every one that is begun is published.
+PAPER = ["g1", "g2", "f1", "g0", "g3", "h0", "f0", "h1", "g4", "f2", "h2", "d0", "c0", "b0", "a0"]
+# As many generations as the paper's Figure 5 shows; elsewhere as many as the paper trained.
+SHOWN = {"f": 8000, "g": 3000, "h": 3000}
 LOOK_SECONDS = 2.0  # between two looks at the runs
 SAY_SECONDS = 600.0  # between two lines of a run where the output is no terminal
 AGAIN = 3  # generations of a recording that verify compares
@@ -80,13 +82,15 @@ def plan() -> Iterator[Planned]:
         for seed in range(max(counts.values())):
             for letter, count in counts.items():
                 if start.get(letter, 0) <= seed < count:
-                    settings = TrainSettings.of(names[letter], "zoo", seed=seed)
+                    settings = TrainSettings.of(names[letter], "ours", seed=seed)
                     yield Planned(settings, f"seed{seed}")
 
     first = list(seeds(FIRST, {}))
     yield from first[: len(FIRST)]
-    for name in HEADLINE:
-        yield Planned(TrainSettings.of(name, **PAPER), "paper-seed0")
+    for letter, seed in PAPER:
+        changes = {"generations": SHOWN[letter]} if letter in SHOWN else {}
+        settings = TrainSettings.of(names[letter], "paper", seed=int(seed), **changes)
+        yield Planned(settings, f"paper-seed{seed}")
     yield from first[len(FIRST) :]
     yield from seeds(LATER, FIRST)
 
@@ -180,9 +184,9 @@ def train(waiting: list[Planned], folder: Path, cores: int) -> None:
         for training in active:
             training.process.wait()
             training.bar.close()
-        sys.exit(f"zoo: stopped, all is saved in {folder}; the same command goes on")
+        sys.exit(f"train-all: stopped, all is saved in {folder}; the same command goes on")
     if failures:
-        sys.exit("\n".join(f"zoo: {failure}" for failure in failures))
+        sys.exit("\n".join(f"train-all: {failure}" for failure in failures))
 
 
 def save(left: list[Planned], folder: Path) -> None:
@@ -228,7 +232,7 @@ def verify(runs: list[Planned]) -> None:
         try:
             print(f"{run.place}: {compare(run)} generations again, to the bit", flush=True)
         except InputError as error:
-            differences.append(f"zoo: {error}")
+            differences.append(f"train-all: {error}")
     if differences:
         sys.exit("\n".join(differences))
 
@@ -237,8 +241,8 @@ def main() -> None:
     """Train, save or verify the runs of the plan."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="*", metavar="EXPERIMENT", help="runs of these alone")
-    parser.add_argument("--folder", type=Path, default=scores.ROOT / "runs" / "zoo")
-    parser.add_argument("--cores", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--folder", type=Path, default=scores.ROOT / "runs" / "all")
+    parser.add_argument("--cores", type=int, default=core_count())
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--save", action="store_true", help="unfinished runs to logs/unfinished")
     what.add_argument("--verify", action="store_true", help="the first generations once more")
@@ -257,5 +261,5 @@ def main() -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with program("zoo"):
+    with program("train-all"):
         main()

@@ -1,40 +1,24 @@
-"""Compares the compiled engine with Box2D and PyBullet, bit for bit.
+"""Episodes to compare between the compiled engine and Box2D or PyBullet, bit for bit.
 
-    python -m designrl.engine.verify                 exit code 1 on a difference
-    python -m designrl.engine.verify --episodes 200 --steps 5000 --seed 5
-
-Each episode is run in the Gymnasium environment and in the engine: every observation, the return
-and the length must have the same bits. Designs, policies and seeds are random; policies are random
-networks, some of other sizes than the experiments', and the author's trained ones where there is a
-zoo (DESIGNRL_ZOO). All kinds of episode take turns: both terrains, both LIDARs, with and without
-shaped rewards and those of smaller legs. A third are ants' episodes: with random and trained
-policies (ours, too), on bodies from the original one to some at all bounds.
-
-Then the vector environments, beside SyncVectorEnv over single ones under random actions: every
-output of every step.
+Every observation, the return and the length must have the same bits. Designs, policies and seeds
+are random; policies are random networks, some of other sizes than the experiments', and the
+author's trained ones where AUTHOR_ZOO names their folder. All kinds of episode take turns: both
+terrains, both LIDARs, with and without shaped rewards and those of smaller legs. Ants have random
+and trained policies (ours, too), on bodies from the original one to some at all bounds.
 """
 
-import argparse
-import os
-import sys
-from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 
 import gymnasium
 import numpy as np
 from gymnasium.wrappers import TransformObservation
-from tqdm import tqdm
 
-from designrl import engine
+from designrl import author
 from designrl.bodies.walker import WALKER
-from designrl.checkpoint import PRETRAINED, load
-from designrl.engine.verify_vector import VECTOR_CASES, compare_vector
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
+from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
-from designrl.published import published_runs, zoo_folder
 from designrl.simulation import Episodes, run_episode
 from designrl.simulation import run_engine as run_episodes
 
@@ -136,13 +120,13 @@ def compare(case: Case) -> tuple[int, str | None]:
     return reference[1], difference(reference, run_engine(case))
 
 
-def zoo_policies() -> list[tuple[str, np.ndarray]]:
-    """(experiment, (2812,) parameters) of the author's walkers; empty without a zoo."""
-    folder, policies = zoo_folder(), []
+def author_policies() -> list[tuple[str, np.ndarray]]:
+    """(experiment, (2812,) parameters) of the author's walkers; empty without AUTHOR_ZOO."""
+    folder, policies = author.zoo(), []
     size = get_experiment(TERRAINS[0]).num_parameters
     for name, experiment in EXPERIMENTS.items():
         if folder and experiment.body is WALKER:
-            for path in published_runs(folder, name).values():
+            for path in author.runs(folder, name).values():
                 parameters = load(path, name).parameters
                 # A design parameter of 0 is the original size.
                 policies.append((name, np.pad(parameters, (0, size - parameters.size))))
@@ -150,10 +134,10 @@ def zoo_policies() -> list[tuple[str, np.ndarray]]:
 
 
 def ant_policies() -> list[tuple[str, np.ndarray, Network]]:
-    """(experiment, parameters, network) of the author's ants, if there is a zoo, and of ours."""
-    folder, files = zoo_folder(), []
+    """(experiment, parameters, network) of the author's ants (AUTHOR_ZOO) and of ours."""
+    folder, files = author.zoo(), []
     for name in ANTS:
-        files += [(name, path) for path in published_runs(folder, name).values()] if folder else []
+        files += [(name, path) for path in author.runs(folder, name).values()] if folder else []
         files += [(name, path) for path in sorted((PRETRAINED / name).glob("*.safetensors"))]
     agents = [(name, load(path, name)) for name, path in files]
     return [(name, agent.parameters, agent.network) for name, agent in agents]
@@ -211,7 +195,7 @@ def make_cases(episodes: int, seed: int = 0) -> list[Case]:
     """Episodes of walkers of all kinds in turn; the same ones for the same seed."""
     rng = np.random.default_rng(seed)
     kinds = list(product(TERRAINS, ("v2", "v3"), (False, True), (False, True)))
-    policies = zoo_policies()
+    policies = author_policies()
     cases = []
     for i in range(episodes):
         experiment, lidar, shaped, smaller = kinds[i % len(kinds)]
@@ -235,62 +219,3 @@ def make_cases(episodes: int, seed: int = 0) -> list[Case]:
         about = {"lidar": lidar, "leg_area_reward": smaller}
         cases.append(Case(kind, experiment, parameters, seed, network, shaped, about))
     return cases
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command; returns its exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m designrl.engine.verify", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("--episodes", type=int, default=3000)
-    parser.add_argument("--steps", type=int, default=100_000, help="of each vector environment")
-    parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
-    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
-    options = parser.parse_args(arguments)
-    if reason := engine.missing_reason():
-        print(f"nothing to verify: {reason}", file=sys.stderr)
-        return 2
-    ants = options.episodes // 3
-    cases = make_cases(options.episodes - ants, options.seed)
-    cases += make_ant_cases(ants, options.seed)
-    cases.append(full_manifold_case())
-    if zoo_folder() is None:
-        print("no zoo of trained policies found: random policies only (set DESIGNRL_ZOO=folder)")
-    isa = engine.instruction_set()
-    steps, counts, differences = 0, Counter(), []
-    with ProcessPoolExecutor(options.workers) as pool:
-        results = pool.map(compare, cases, chunksize=4)
-        for case, (length, found) in zip(tqdm(cases, unit="episode"), results, strict=True):
-            steps += length
-            kind = "random" if case.kind == "random" else "trained"
-            counts[kind, case.experiment] += 1
-            if found:
-                differences.append((case, found))
-    for (kind, experiment), count in sorted(counts.items()):
-        print(f"{count:6d} episodes, {kind} policies, {experiment}")
-    print(
-        f"{len(cases)} episodes, {steps} steps ({isa}): "
-        f"{len(cases) - len(differences)} equal in every bit, {len(differences)} different"
-    )
-    for case, found in differences[:10]:
-        print(f"DIFFERENT {found}\n    {replace(case, parameters=None)}", file=sys.stderr)
-    wrong = verify_vectors(options.steps, options.seed, options.workers)
-    return 1 if differences or wrong else 0
-
-
-def verify_vectors(steps: int, seed: int, workers: int) -> int:
-    """Compare all vector environments and print what came out; the number that differ."""
-    cases, wrong = [replace(case, seed=seed) for case in VECTOR_CASES], 0
-    with ProcessPoolExecutor(workers) as pool:
-        results = pool.map(partial(compare_vector, steps=steps), cases)
-        for case, found in zip(cases, results, strict=True):
-            print(
-                f"{case}, {steps} steps: {f'DIFFERENT {found}' if found else 'equal'}", flush=True
-            )
-            wrong += found is not None
-    print(f"{len(cases)} vector environments: {len(cases) - wrong} equal in every bit")
-    return wrong
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,7 +11,7 @@ import pytest
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash
 from designrl.settings import TrainSettings
-from reproduce import scores, zoo
+from reproduce import scores, train_all
 from reproduce.scores import ROOT
 
 SETTINGS = {"population": 4, "rollouts": 1, "evaluate_every": 2, "evaluation_episodes": 4}
@@ -26,13 +26,13 @@ def project(tmp_path, monkeypatch):
     return tmp_path
 
 
-def planned(seed: int = 0, generations: int = 4) -> zoo.Planned:
-    settings = TrainSettings.of("biped", "zoo", seed=seed, generations=generations, **SETTINGS)
-    return zoo.Planned(settings, f"seed{seed}")
+def planned(seed: int = 0, generations: int = 4) -> train_all.Planned:
+    settings = TrainSettings.of("biped", "ours", seed=seed, generations=generations, **SETTINGS)
+    return train_all.Planned(settings, f"seed{seed}")
 
 
 def test_the_plan_has_every_row_early_and_every_seed_once_by_its_recipe():
-    found = list(zoo.plan())
+    found = list(train_all.plan())
     assert {run.settings.experiment for run in found[: len(EXPERIMENTS)]} == set(EXPERIMENTS)
     assert len({run.place for run in found}) == len(found)
     for name in EXPERIMENTS:
@@ -43,20 +43,22 @@ def test_the_plan_has_every_row_early_and_every_seed_once_by_its_recipe():
         )
         assert seeds == list(range(len(seeds))) and len(seeds) >= 5
     for run in found:
-        recipe = "paper" if run.name.startswith("paper") else "zoo"
+        recipe = "paper" if run.name.startswith("paper") else "ours"
         assert f"--recipe {recipe} --seed {run.settings.seed}" in run.settings.command()
 
 
 def test_runs_are_trained_side_by_side_published_and_verified(project, capsys):
     runs = [planned(0), planned(1)]
-    zoo.train(list(runs), project / "runs", cores=2)
+    train_all.train(list(runs), project / "runs", cores=2)
     assert all(run.published for run in runs)
-    zoo.verify(runs)
+    train_all.verify(runs)
     again = [f"biped/seed{seed}: 3 generations again, to the bit" for seed in (0, 1)]
     assert capsys.readouterr().out.splitlines()[-2:] == again
     shutil.copytree(project / "logs/biped/seed1", project / "logs/biped/seed0", dirs_exist_ok=True)
-    with pytest.raises(SystemExit, match="zoo: biped/seed0: mean of generations .* is .*, not"):
-        zoo.verify(runs)
+    with pytest.raises(
+        SystemExit, match="train-all: biped/seed0: mean of generations .* is .*, not"
+    ):
+        train_all.verify(runs)
     assert capsys.readouterr().out.splitlines() == again[1:]
     assert not planned(1, generations=5).published, "that one was trained otherwise"
 
@@ -70,12 +72,12 @@ def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
         time.sleep(0.01)
     process.terminate()
     assert process.wait() == 130
-    zoo.save([run], project / "runs")
-    assert sorted(path.name for path in zoo.unfinished(run).iterdir()) == [
+    train_all.save([run], project / "runs")
+    assert sorted(path.name for path in train_all.unfinished(run).iterdir()) == [
         *("best.safetensors", "generations.mcap", "state.safetensors")
     ]
-    zoo.train([run], project / "another place", cores=1)
-    assert not zoo.unfinished(run).exists()
+    train_all.train([run], project / "another place", cores=1)
+    assert not train_all.unfinished(run).exists()
     published = (project / "pretrained/biped/seed0").with_suffix(".safetensors")
     assert file_hash(published) == file_hash(whole / "best.safetensors")
 
@@ -84,6 +86,8 @@ def test_a_run_that_fails_is_named_and_the_others_are_published(project):
     bad, good = planned(0), planned(1)
     (project / "runs/biped/seed0").mkdir(parents=True)
     Path(project, "runs/biped/seed0/state.safetensors").write_text("rubbish")
-    with pytest.raises(SystemExit, match="zoo: biped/seed0 stopped with exit code 2: .*state.safe"):
-        zoo.train([bad, good], project / "runs", cores=1)
+    with pytest.raises(
+        SystemExit, match="train-all: biped/seed0 stopped with exit code 2: .*state.safe"
+    ):
+        train_all.train([bad, good], project / "runs", cores=1)
     assert good.published and not bad.published

@@ -1,6 +1,6 @@
 """Compares the vector environments with SyncVectorEnv over single ones, in every output.
 
-`python -m designrl.engine.verify` runs it.
+`python -m designrl.verify` runs it.
 """
 
 from dataclasses import dataclass, field

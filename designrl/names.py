@@ -1,0 +1,97 @@
+"""Agents and runs by name: a file, a run's folder, or in a clone "biped-morphology/seed0"."""
+
+import json
+import re
+from pathlib import Path
+
+from designrl import checkpoint
+from designrl.author import load_author
+from designrl.errors import InputError
+from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.policy import Agent
+
+PRETRAINED = Path(__file__).resolve().parents[1] / "pretrained"  # in a clone, beside the package
+
+
+def find(name: str | Path) -> Path:
+    """The file that is meant: itself, a run's best agent, or a published agent in a clone.
+
+    Args:
+        name: a file, the folder of a run, or "biped-morphology/seed0" for the published agent in
+            `pretrained/`.
+
+    Raises:
+        InputError: a published agent's name where there is none, or an experiment's; a run without
+            an agent.
+    """
+    path = Path(name)
+    if (path / "best.safetensors").is_file():
+        return path / "best.safetensors"
+    run = path.parent if path.name == "best.safetensors" else path
+    if (run / "generations.mcap").is_file() and not path.is_file():
+        raise InputError(
+            f"{run} has no agent; a run keeps its first one at its first evaluation (go on with "
+            "--resume), and those of published runs are in pretrained/"
+        )
+    if path.exists():
+        return path
+    if str(path) in EXPERIMENTS:
+        raise InputError(f"{path} is an experiment; name an agent of `designrl checkpoints`")
+    if not _is_name(path):
+        return path
+    if not PRETRAINED.is_dir():
+        raise InputError(
+            f"the published agent {name} is not installed with the package; get designrl's "
+            f"repository and name pretrained/{name}.safetensors in it"
+        )
+    published = PRETRAINED / f"{path}.safetensors"
+    if not published.is_file():
+        raise InputError(f"there is no agent {name}; `designrl checkpoints` lists those there are")
+    return published
+
+
+def find_run(name: str | Path) -> Path:
+    """The run or recording that is meant: itself, or in a clone the published run of that name."""
+    published = PRETRAINED.parent / "logs" / name
+    meant = _is_name(Path(name)) and published.is_dir() and not Path(name).exists()
+    return published if meant else Path(name)
+
+
+def _is_name(path: Path) -> bool:
+    return str(path.parent) in EXPERIMENTS and bool(re.fullmatch(r"(paper-)?seed\d+", path.name))
+
+
+def load(name: str | Path, experiment: str | None = None) -> Agent:
+    """An agent by its name or file.
+
+    Args:
+        name: what `find` takes, or a `.json` file of the 2018 repositories.
+        experiment: needed for the latter; otherwise what it must be of, if anything.
+
+    Raises:
+        InputError: missing, damaged, of another experiment, or with numbers that are not finite.
+    """
+    path = find(name)
+    if path.suffix != ".json":
+        return checkpoint.load(path, experiment)
+    if experiment is None:
+        raise InputError(
+            f"{path} does not say what it was trained for; name its experiment "
+            '(--experiment NAME; in Python, load(path, "NAME"))'
+        )
+    return load_author(path, get_experiment(experiment))
+
+
+def our_agents() -> dict[str, dict]:
+    """Names of our published agents -> what the index says of each; see `reproduce.publish`.
+
+    Raises:
+        InputError: they are not beside the package.
+    """
+    path = PRETRAINED / "index.json"
+    if not path.is_file():
+        raise InputError(
+            "the published agents are not installed with the package; get designrl's repository "
+            "and look into its folder pretrained"
+        )
+    return json.loads(path.read_text(encoding="utf-8"))

@@ -1,0 +1,1 @@
+"""The compiled engine beside the reference environments; `python -m designrl.verify` compares."""

@@ -1,0 +1,330 @@
+"""The page, docs/page/index.html: walkers that walk in the browser, and every result beside them.
+
+    python -m reproduce.page
+
+One file that asks for nothing else, except figures and films beside it. Reads docs/page/src/, the
+engine's sources, README.md, Table 3, pretrained/ and logs/. The engine becomes WebAssembly by the
+clang of ziglang (requirements-extras.lock).
+"""
+
+import base64
+import hashlib
+import html
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+import markdown
+import numpy as np
+
+import designrl
+from designrl.errors import InputError
+from designrl.evaluation import episode_seeds
+from designrl.experiments import EXPERIMENTS
+from designrl.files import write_atomically
+from designrl.recording import read
+
+ROOT = Path(__file__).parents[1]
+SOURCE, TARGET = ROOT / "docs/page/src", ROOT / "docs/page/index.html"
+NATIVE = ROOT / "designrl/engine/native"
+WALKERS = [name for name, experiment in EXPERIMENTS.items() if experiment.body.name == "walker"]
+EPISODES, SEED = 100, 0  # of the evaluation, as in Table 3
+LIMIT = 2_000_000  # bytes of the page
+MAX_GAP = 0.1  # of a run's generations, between two bodies, for a slider over them
+
+COMPILE = [
+    *(sys.executable, "-m", "ziglang", "c++", "-target", "wasm32-wasi", "-mexec-model=reactor"),
+    *("-msimd128", "-nostdlib++", "-s", "-std=c++17", "-O2", "-g0", "-ffp-contract=off"),
+    *("-fno-math-errno", "-fno-trapping-math", "-fno-exceptions", "-fno-rtti"),
+    *("-fno-threadsafe-statics", "-fvisibility=hidden", "-Wl,--export-dynamic", f"-I{NATIVE}"),
+]
+
+FIGURES = {
+    "figure1": "The hardcore walker, before and after it learned its legs",
+    "figure2": "The loop of an agent and its environment, and the one that learns the design too",
+    "figure3": "The ant, before and after",
+    "figure4": "The walker on flat ground, before and after",
+    "figure5": "Learning curves on hardcore ground",
+    "figure6": "Walkers that were rewarded for smaller legs",
+    "figure7": "Two designs that learn the same task",
+}
+
+
+def sources() -> dict[str, bytes]:
+    """All that decides the page, by name."""
+    code = [NATIVE / "page.cpp", *NATIVE.glob("common/*.h"), *NATIVE.glob("walker/**/*.h")]
+    found = {str(path): re.sub(rb"//.*", b"", path.read_bytes()) for path in code}  # no comments
+    read = [*SOURCE.iterdir(), Path(__file__), ROOT / "paper/tables/table3.md"]
+    for name in EXPERIMENTS:
+        read += (ROOT / "pretrained" / name).glob("*.safetensors")
+        read += (ROOT / "logs" / name).glob("*/generations.mcap")
+    found |= {str(path): path.read_bytes() for path in read if path.is_file()}
+    found |= {"films": repr(films()).encode(), "README": (answers() + install()).encode()}
+    return {name.removeprefix(f"{ROOT}/"): found[name] for name in sorted(found)}
+
+
+def digest() -> str:
+    """One hash of the sources; the page holds that of what it was built from."""
+    found = hashlib.sha256()
+    for name, data in sources().items():
+        found.update(f"{name} {hashlib.sha256(data).hexdigest()}\n".encode())
+    return found.hexdigest()[:16]
+
+
+def built_from(page: str) -> str:
+    """The hash of what a page was built from."""
+    return re.search(r'name="sources" content="(\w*)"', page)[1]
+
+
+# --------------------------------------------------------------------------------------- script
+
+
+def engine() -> bytes:
+    """The engine as WebAssembly.
+
+    Raises:
+        InputError: there is no compiler for it.
+    """
+    if find_spec("ziglang") is None:
+        raise InputError("no ziglang; pip install -c requirements-extras.lock ziglang")
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "engine.wasm"
+        done = subprocess.run(
+            [*COMPILE, NATIVE / "page.cpp", "-o", target], capture_output=True, text=True
+        )
+        if done.returncode:
+            raise InputError(f"the engine does not compile to WebAssembly: {done.stderr}")
+        return target.read_bytes()
+
+
+def script() -> str:
+    """The modules as one: each after those that it imports, without their imports and exports."""
+    placed: dict[str, str] = {}
+
+    def place(name: str) -> None:
+        text = (SOURCE / name).read_text()
+        for other in re.findall(r'^import [^;]* from "\./(.*)";$', text, re.M):
+            if other not in placed:
+                place(other)
+        text = re.sub(r"^import [^;]*;\n", "", text, flags=re.M)
+        placed[name] = re.sub(r"^export ", "", text, flags=re.M)
+
+    place("main.js")
+    return "\n".join(placed.values())
+
+
+# ----------------------------------------------------------------------------------------- data
+
+
+def agents() -> dict[str, designrl.policy.Agent]:
+    """The published walkers by name."""
+    paths = [
+        p for name in WALKERS for p in sorted((ROOT / "pretrained" / name).glob("*.safetensors"))
+    ]
+    return {f"{path.parent.name}/{path.stem}": designrl.load(path) for path in paths}
+
+
+def data(found: dict) -> tuple[dict, np.ndarray]:
+    """What the script reads (agents.js), and the policies' weights (rows, 2804) float32."""
+    weights, rows, runs = [], [], {}
+    for name, agent in found.items():
+        weights.append(agent.parameters[: agent.network.num_weights])
+        scores = designrl.evaluate(agent, episodes=EPISODES, seed=SEED).scores
+        rows.append(
+            {
+                "name": name,
+                "experiment": agent.experiment.name,
+                "design": agent.scales.tolist(),
+                "scores": scores.tolist(),
+                "mean": round(float(scores.mean()), 2),
+            }
+        )
+    for name, agent in found.items():
+        if (ROOT / "logs" / name / "generations.mcap").is_file():
+            runs[name] = run(name, agent, weights)
+    experiments = {name: EXPERIMENTS[name].title for name in WALKERS}
+    courses = episode_seeds(SEED, EPISODES).tolist()
+    about = {"agents": rows, "courses": courses, "experiments": experiments, "runs": runs}
+    return about | {"weights": agent.network.num_weights}, np.array(weights, dtype=np.float32)
+
+
+def run(name: str, agent, weights: list) -> dict:
+    """A run's evaluations, bodies and policies; the policies' weights are added to the list."""
+    recording = read(ROOT / "logs" / name / "generations.mcap")
+    means = recording.array("/evaluation", "mean").tolist()
+    about = {
+        "kept": agent.metadata["generation"],
+        "generations": int(recording.array("/summary", "generation").max()) + 1,
+        "scores": [
+            {"generation": int(generation) + 1, "mean": round(mean, 1)}
+            for generation, mean in zip(
+                recording.array("/evaluation", "generation"), means, strict=True
+            )
+        ],
+    }
+    if agent.design is None or not recording.topics.get("/design"):
+        return about
+    generations = recording.array("/design", "generation").astype(int)
+    if np.diff(generations).max() > MAX_GAP * about["generations"]:
+        return about
+    scales = recording.array("/design", "dimensions") / agent.experiment.body.design.originals
+    about["bodies"] = [
+        {"generation": g, "scales": row}
+        for g, row in zip(generations.tolist(), scales.round(4).tolist(), strict=True)
+    ]
+    first = next(n for n in runs_of(agent.experiment.name) if usable_history(n))
+    about["policies"] = []
+    for g, mean in zip(
+        recording.array("/distribution", "generation").tolist(),
+        recording.array("/distribution", "mu"),
+        strict=True,
+    ):
+        policy = mean[: agent.network.num_weights]
+        if not policy.any():
+            about["policies"].append({"generation": g, "row": None})
+        elif name == first and g < about["kept"]:  # of one run each: 11 kB a policy
+            about["policies"].append({"generation": g, "row": len(weights)})
+            weights.append(policy)
+    return about
+
+
+def runs_of(experiment: str) -> list[str]:
+    """Names of an experiment's published runs."""
+    folders = sorted((ROOT / "logs" / experiment).glob("*/generations.mcap"))
+    return [f"{experiment}/{path.parent.name}" for path in folders]
+
+
+def usable_history(name: str) -> bool:
+    """Whether a recording has bodies all along."""
+    recording = read(ROOT / "logs" / name / "generations.mcap")
+    if not recording.topics.get("/design"):
+        return False
+    last = recording.array("/summary", "generation").max() + 1
+    return np.diff(recording.array("/design", "generation").astype(int)).max() <= MAX_GAP * last
+
+
+# ----------------------------------------------------------------------------------------- text
+
+
+def readme() -> str:
+    return (ROOT / "README.md").read_text()
+
+
+def answers() -> str:
+    """What README answers, as it stands between its marks; nothing where it has none."""
+    found = re.search("<!-- answers -->(.*?)<!-- /answers -->", readme(), re.S)
+    text = re.sub(r"\]\((?!https?:|#)", "](../../", found[1]) if found else ""
+    return markdown.markdown(text)
+
+
+def install() -> str:
+    """README's commands to install."""
+    found = re.search(r"^## Install.*?\n(.*?```.*?```)", readme(), re.S | re.M)
+    return markdown.markdown(found[1], extensions=["fenced_code"])
+
+
+def table3() -> str:
+    """Table 3 with its verdicts."""
+    rows = re.findall(r"^\|.*\|$", (ROOT / "paper/tables/table3.md").read_text(), re.M)
+    return markdown.markdown("\n".join(rows), extensions=["tables"])
+
+
+def figures() -> str:
+    """The paper's figures, as far as they are there."""
+    return "".join(
+        f'<figure><a href="../../paper/figures/{name}.png"><img loading="lazy" '
+        f'src="../../paper/figures/{name}.png" alt="{html.escape(title)}"></a>'
+        f"<figcaption>Figure {name[-1]}. {html.escape(title)}.</figcaption></figure>"
+        for name, title in FIGURES.items()
+        if (ROOT / f"paper/figures/{name}.png").is_file()
+    )
+
+
+def films() -> list[str]:
+    """Names of the films."""
+    names = sorted(path.stem for path in (ROOT / "paper/gallery").glob("*.webp"))
+    order = list(EXPERIMENTS)
+    return sorted(names, key=lambda name: order.index(name) if name in order else len(order))
+
+
+def film_figures() -> str:
+    """The films with their names."""
+
+    def title(name: str) -> str:
+        return EXPERIMENTS[name].title if name in EXPERIMENTS else name.replace("-", " ")
+
+    return "".join(
+        f'<figure><img loading="lazy" src="../../paper/gallery/{name}.webp" alt="{title(name)}">'
+        f"<figcaption>{title(name)}</figcaption></figure>"
+        for name in films()
+    )
+
+
+def run_tables(found: dict) -> str:
+    """Every published run with its card, curve, recording and command."""
+    parts = []
+    for experiment in EXPERIMENTS.values():
+        rows = ["| | score | | | |", "|---|---|---|---|---|"]
+        commands = set()
+        for path in sorted((ROOT / "pretrained" / experiment.name).glob("*.safetensors")):
+            name = f"{experiment.name}/{path.stem}"
+            card = path.with_suffix(".md")
+            text = card.read_text() if card.is_file() else ""
+            score = re.search(r"\*\*Score\*\* (\S+ ± \S+)", text)
+            links = [f"[card](../../pretrained/{name}.md)"] if text else []
+            if path.with_suffix(".png").is_file():
+                links.append(f"[curve](../../pretrained/{name}.png)")
+            if (ROOT / "logs" / name).is_dir():
+                links.append(f"[recording](../../logs/{name}/generations.mcap)")
+            watch = f'<button data-watch="{name}">Watch</button>' if name in found else ""
+            cells = [path.stem, score[1] if score else "", ", ".join(links), watch]
+            rows.append(f"| {' | '.join(cells)} | |")
+            commands |= set(re.findall(r"^designrl train .*?(?= --seed)", text, re.M))
+        if len(rows) == 2:
+            continue
+        table = markdown.markdown("\n".join(rows), extensions=["tables"])
+        command = "".join(f"<pre><code>{c} --seed K</code></pre>" for c in sorted(commands))
+        parts.append(
+            f"<details><summary>({experiment.letter}) {experiment.title}, {len(rows) - 2} runs"
+            f'</summary>{command}<div class="scroll">{table}</div></details>'
+        )
+    return "".join(parts)
+
+
+def build() -> str:
+    """The page."""
+    found = agents()
+    about, weights = data(found)
+    fill = {
+        "sources": digest(),
+        "style": (SOURCE / "style.css").read_text(),
+        "answers": answers(),
+        "table3": table3(),
+        "figures": figures(),
+        "films": film_figures(),
+        "runs": run_tables(found),
+        "install": install(),
+        "data": json.dumps(about, separators=(",", ":")).replace("</", "<\\/"),
+        "weights": base64.b64encode(weights.tobytes()).decode(),
+        "engine": base64.b64encode(engine()).decode(),
+        "script": script(),
+    }
+    template = (SOURCE / "page.html").read_text()
+    page = re.sub(r"\{\{(\w+)\}\}", lambda match: fill[match[1]], template)
+    if len(page.encode()) > LIMIT:
+        raise InputError(f"the page would have {len(page.encode()):,} bytes, {LIMIT:,} at most")
+    return page
+
+
+def main() -> None:
+    page = build()
+    write_atomically(TARGET, page.encode())
+    print(f"{TARGET.relative_to(ROOT)}: {len(page.encode()):,} bytes")
+
+
+if __name__ == "__main__":
+    main()
