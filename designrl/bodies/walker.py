@@ -105,9 +105,10 @@ class WalkerBody(Body):
         up = np.append(0.0, self.design.dimensions(env.design)[1::2] / SCALE) / 2  # m
         positions, rotations = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 4))
         # NumPy's own sine can have another last bit, depending on the processor.
-        sin, cos = (np.vectorize(f, otypes=[np.float64]) for f in (math.sin, math.cos))
-        positions[:, 0], positions[:, 2] = x - sin(angle) * up, z + cos(angle) * up
-        rotations[:, 1], rotations[:, 3] = -sin(angle / 2), cos(angle / 2)
+        sin, cos = (np.array([f(a) for a in angle]) for f in (math.sin, math.cos))
+        positions[:, 0], positions[:, 2] = x - sin * up, z + cos * up
+        rotations[:, 1] = [-math.sin(a / 2) for a in angle]
+        rotations[:, 3] = [math.cos(a / 2) for a in angle]
         return positions, rotations
 
     def joint_states(self, env) -> tuple[list[float], list[float], list[float]]:
