@@ -70,7 +70,7 @@ class _Progress:
     cpu_seconds: float = 0.0  # processor time; for a pool of processes, wall time times workers
 
 
-def episode_seeds(settings: TrainSettings, generation: int) -> np.ndarray:
+def training_seeds(settings: TrainSettings, generation: int) -> np.ndarray:
     """(N, R) seeds of a generation; both candidates of a mirrored pair meet the same episodes."""
     times = 2 if settings.mirrored else 1
     shape = settings.population // times, settings.rollouts
@@ -209,7 +209,7 @@ class TrainingRun:
         index = progress.generation
         before, _ = self._snapshot
         candidates = self.candidates()
-        seeds = episode_seeds(settings, index)
+        seeds = training_seeds(settings, index)
         done = 0
 
         def show(count: int) -> None:

@@ -16,7 +16,7 @@ from designrl.experiments import get_experiment
 from designrl.policy import Agent
 from designrl.reinforce import Reinforce
 from designrl.settings import TrainSettings
-from designrl.train import CANDIDATE_DECIMALS, episode_seeds
+from designrl.train import CANDIDATE_DECIMALS, training_seeds
 
 
 def cumulative_reward(env: gymnasium.Env, agent: Agent, seed: int) -> float:
@@ -42,7 +42,7 @@ def learn(settings: TrainSettings) -> Reinforce:
         population = np.asarray(theta.ask()).round(CANDIDATE_DECIMALS)
         agents = [Agent(experiment, w) for w in population]
         # Equation 1 has an expectation: a candidate's R(w) is the mean over several rollouts.
-        seeds = episode_seeds(settings, generation).tolist()
+        seeds = training_seeds(settings, generation).tolist()
         rollouts = [
             [cumulative_reward(env, agent, seed) for seed in own]
             for agent, own in zip(agents, seeds, strict=True)

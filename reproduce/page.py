@@ -15,6 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from designrl.errors import InputError
 from designrl.evaluation import episode_seeds
 from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
+from designrl.names import our_agents
 from designrl.recording import read
 
 ROOT = Path(__file__).parents[1]
@@ -166,11 +168,9 @@ def run(name: str, agent, weights: list) -> dict:
             )
         ],
     }
-    if agent.design is None or not recording.topics.get("/design"):
+    if not usable_history(name):
         return about
     generations = recording.array("/design", "generation").astype(int)
-    if np.diff(generations).max() > MAX_GAP * about["generations"]:
-        return about
     scales = recording.array("/design", "dimensions") / agent.experiment.body.design.originals
     about["bodies"] = [
         {"generation": g, "scales": row}
@@ -198,6 +198,7 @@ def runs_of(experiment: str) -> list[str]:
     return [f"{experiment}/{path.parent.name}" for path in folders]
 
 
+@cache
 def usable_history(name: str) -> bool:
     """Whether a recording has bodies all along."""
     recording = read(ROOT / "logs" / name / "generations.mcap")
@@ -266,7 +267,7 @@ def film_figures() -> str:
 
 def run_tables(found: dict) -> str:
     """Every published run with its card, curve, recording and command."""
-    parts = []
+    parts, index = [], our_agents()
     for experiment in EXPERIMENTS.values():
         rows = ["| | score | | | |", "|---|---|---|---|---|"]
         commands = set()
@@ -274,14 +275,14 @@ def run_tables(found: dict) -> str:
             name = f"{experiment.name}/{path.stem}"
             card = path.with_suffix(".md")
             text = card.read_text() if card.is_file() else ""
-            score = re.search(r"\*\*Score\*\* (\S+ ± \S+)", text)
             links = [f"[card](../../pretrained/{name}.md)"] if text else []
             if path.with_suffix(".png").is_file():
                 links.append(f"[curve](../../pretrained/{name}.png)")
             if (ROOT / "logs" / name).is_dir():
                 links.append(f"[recording](../../logs/{name}/generations.mcap)")
             watch = f'<button data-watch="{name}">Watch</button>' if name in found else ""
-            cells = [path.stem, score[1] if score else "", ", ".join(links), watch]
+            score = f"{index[name]['mean']:.1f} ± {index[name]['std']:.1f}" if name in index else ""
+            cells = [path.stem, score, ", ".join(links), watch]
             rows.append(f"| {' | '.join(cells)} | |")
             commands |= set(re.findall(r"^designrl train .*?(?= --seed)", text, re.M))
         if len(rows) == 2:

@@ -20,7 +20,6 @@ import numpy as np
 from tqdm import tqdm
 
 from designrl import author
-from designrl.author import file_name
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import EXPERIMENTS
@@ -232,14 +231,14 @@ def zoo() -> str | None:
     if folder and not any(author.runs(folder, name) for name in EXPERIMENTS):
         sys.exit(
             f"ZOO={folder} is not a folder of the author's weights: looked in it and in its "
-            f"folders zoo and */zoo for {', '.join(map(file_name, EXPERIMENTS))}"
+            f"folders zoo and */zoo for {', '.join(map(author.file_name, EXPERIMENTS))}"
         )
     return folder or None
 
 
 def authors(experiment: str) -> dict[int, Path]:
     """The author's runs of an experiment, by number; a missing run 1 by its name. Needs ZOO."""
-    return {1: Path(file_name(experiment))} | author.runs(zoo(), experiment)
+    return {1: Path(author.file_name(experiment))} | author.runs(zoo(), experiment)
 
 
 def by_source(*experiments: str) -> dict[str, dict[str, dict[int, Score]]]:

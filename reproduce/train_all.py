@@ -1,8 +1,8 @@
 """Train the published runs, or those of them that are missing.
 
-    make train-all            one run on each core; each is published when it is done
-    make train-all ONLY=biped those of one experiment, or of several: ONLY="biped ant"
-    make verify-runs          train the first generations of every published run again and compare
+    make train-all              one run on each core; each is published when it is done
+    make train-all ONLY=biped   those of one experiment, or of several: ONLY="biped ant"
+    make verify-runs            train the first generations of every published run again and compare
 
 Which runs there are is decided by `plan`, and how each is trained by its experiment's recipe.
 Ctrl-C saves all; the next call goes on. What is not done yet is in runs/all.

@@ -23,7 +23,7 @@ from designrl.reinforce import Reinforce
 from designrl.run_folder import RunFolder
 from designrl.settings import ReinforceSettings, TrainSettings
 from designrl.simulation import Simulator
-from designrl.train import TrainingRun, episode_seeds
+from designrl.train import TrainingRun, training_seeds
 
 SMALL = {"generations": 5, "population": 4, "rollouts": 2, "evaluate_every": 2}
 
@@ -134,11 +134,11 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
 
 def test_a_pair_of_candidates_meets_the_same_episodes(tmp_path):
     run = TrainingRun(settings(population=6), tmp_path, backend="reference")
-    seeds = episode_seeds(run.settings, 3)
+    seeds = training_seeds(run.settings, 3)
     assert seeds.shape == (6, 2)
     np.testing.assert_array_equal(seeds[:3], seeds[3:])
     assert len(set(seeds[:3].ravel())) == 6
-    assert (episode_seeds(run.settings, 4) != seeds).any()
+    assert (training_seeds(run.settings, 4) != seeds).any()
 
 
 def test_evaluations_have_the_environments_rewards_with_the_factor_for_smaller_legs(tmp_path):
@@ -467,7 +467,7 @@ def test_a_candidate_that_cannot_be_simulated_stops_the_run_and_is_kept(tmp_path
         return original(env, agent, seed, shaping)
 
     original = simulation.run_episode
-    bad = episode_seeds(settings(), 2)[1, 0]
+    bad = training_seeds(settings(), 2)[1, 0]
     monkeypatch.setattr(simulation, "run_episode", break_down)
     with pytest.raises(InputError, match="candidate 1 of generation 2") as caught:
         train(tmp_path)
