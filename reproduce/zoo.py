@@ -11,7 +11,6 @@ Ctrl-C saves all; the next call goes on. What is not done yet is in runs/zoo.
 import argparse
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -256,6 +255,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with program("zoo"):
         main()
