@@ -10,6 +10,7 @@ FLOORS = (  # from the ground up; the rooms of a package stand on its floor
     "errors",
     "files",
     "provenance",
+    "terminal",
     "design",
     "engine",
     "bodies",
