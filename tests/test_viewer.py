@@ -345,7 +345,7 @@ def test_what_we_start_of_rerun_ends_with_a_kill_of_us():
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as process:
         host, port = process.stdout.readline().strip().split(":")
-        with socket.create_connection((host, int(port))) as connection:
+        with socket.create_connection((host, int(port)), 60) as connection:
             process.kill()
             assert connection.recv(100) is not None  # it waits
             while connection.recv(100):

@@ -20,8 +20,8 @@ from designrl.errors import InputError
 # `rerun` in an environment is a script that starts this one and waits.
 EXECUTABLE = Path(rerun_cli.__file__).with_name("rerun")
 START_SECONDS = 30.0  # that it may take to start
-# Rerun sends no telemetry from where CI is set, unless FORCE_RERUN_ANALYTICS is, too. On the level
-# of "info" it says where it listens.
+# Rerun sends no telemetry from where CI is set, unless FORCE_RERUN_ANALYTICS is, too; its window
+# asks GitHub for a newer Rerun, unless its settings forbid it. At "info", it says where it listens.
 ENVIRONMENT = {"CI": "true", "RUST_LOG": "info", "NO_COLOR": "1"}
 LISTENING = r"Listening for gRPC connections on (127\.0\.0\.1:\d+)"
 _C = ctypes.CDLL(None)
