@@ -5,12 +5,9 @@ import dataclasses
 import errno
 import importlib
 import json
-import os
 import shlex
-import signal
 import sys
 import typing
-from contextlib import suppress
 from pathlib import Path
 
 from designrl.errors import InputError, printable, remark
@@ -18,6 +15,7 @@ from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import is_locked, read_limited, require_new
 from designrl.provenance import VERSION, core_count
 from designrl.settings import MAX_EPISODES, TrainSettings, option
+from designrl.terminal import heed_signals, open_streams, unsaid
 
 EXIT_INPUT = 2
 EXIT_INTERRUPTED, EXIT_PIPE = 130, 141  # as a shell reports what SIGINT or SIGPIPE ended
@@ -96,8 +94,7 @@ def _train(args) -> None:
         others = ", ".join(sorted(p.parent.name for p in out.parent.glob("*/state.safetensors")))
         others = f" ({out.parent} has {others})" if others else ""
         remark(f"{out} holds no generations to go on with; this is a new run{others}")
-    for polite in (signal.SIGTERM, signal.SIGHUP):  # they save, too
-        signal.signal(polite, signal.default_int_handler)
+    heed_signals()  # they save, too
     try:
         run.run()
     except KeyboardInterrupt:
@@ -401,9 +398,7 @@ def parser() -> argparse.ArgumentParser:
         "--web", action="store_true", help="serve them to browsers, also through ssh, until Ctrl-C"
     )
     replay.add_argument("--bind", metavar="ADDRESS", help="of --web (default: 127.0.0.1)")
-    replay.add_argument(
-        "--port", type=int, metavar="N", help="of --web, which takes N and N + 1 (default: 9090)"
-    )
+    replay.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090)")
 
     export = command("export", _export, "write a recording's numbers as a table")
     about = (
@@ -422,31 +417,25 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+# Commands whose answer is what they print: it must not be lost in silence.
+ANSWERS = _experiments, _evaluate, _info, _checkpoints
+
+
 def main(argv: list[str] | None = None) -> None:
     """Run a command; wrong input ends with one sentence and exit code 2."""
+    open_streams()
     args = parser().parse_args(argv)
     try:
         for module in args.load:
             load_module(module)
         args.function(args)
-        sys.stdout.flush()
+        error = unsaid()
+        if error and (args.function in ANSWERS or getattr(args, "dry_run", False)):
+            if error.errno == errno.EPIPE:  # `designrl ... | head`: the reader has left
+                sys.exit(EXIT_PIPE)
+            raise InputError(f"the output cannot be written ({error.strerror}); send it elsewhere")
     except InputError as error:
         remark(f"designrl: {error}")
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
-    except BrokenPipeError:  # `designrl ... | head`: the reader has left
-        _silence(sys.stdout, sys.stderr)
-        sys.exit(EXIT_PIPE)
-    except OSError as error:
-        if error.errno != errno.ENOSPC:
-            raise
-        _silence(sys.stdout)
-        remark("designrl: the output cannot be written (no space left); send it elsewhere")
-        sys.exit(EXIT_INPUT)
-
-
-def _silence(*streams) -> None:
-    for stream in streams:  # Python flushes them once more
-        with suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

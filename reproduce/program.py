@@ -5,11 +5,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from designrl.errors import InputError
+from designrl.terminal import heed_signals, open_streams
 
 
 @contextmanager
 def program(name: str) -> Iterator[None]:
     """End the program with one sentence, not a traceback, on wrong input and on Ctrl-C."""
+    open_streams()
+    heed_signals()
     try:
         yield
     except (InputError, OSError) as error:

@@ -10,7 +10,6 @@ Ctrl-C saves all; the next call goes on. What is not done yet is in runs/all.
 
 import argparse
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -260,6 +259,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with program("train-all"):
         main()

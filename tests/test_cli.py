@@ -219,16 +219,6 @@ def test_a_busy_folder_is_said_at_once(tmp_path, capsys):
         assert "is in use by another run" in refused(capsys, "train", "biped", "--out", tmp_path)
 
 
-def test_a_full_disk_behind_the_output_is_one_sentence(checkpoint):
-    with open("/dev/full", "w") as full:
-        command = [sys.executable, "-m", "designrl", "info", checkpoint]
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 2
-    assert done.stderr == (
-        "designrl: the output cannot be written (no space left); send it elsewhere\n"
-    )
-
-
 def test_ctrl_c_while_the_package_is_imported_is_no_traceback():
     pressed = (
         "import sys\n"

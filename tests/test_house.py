@@ -16,6 +16,7 @@ FLOORS = (  # from the ground up; the rooms of a package stand on its floor
     "numeric",
     "files",
     "provenance",
+    "terminal",
     "design",
     "engine",
     "bodies",

@@ -2,20 +2,21 @@
 
 import errno
 import io
+import ipaddress
 import json
 import os
 import re
+import select
 import shutil
 import socket
 import subprocess
 import sys
-import urllib.parse
+import urllib.error
 import urllib.request
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
 from test_recording import random_agent, write_run
@@ -27,9 +28,10 @@ from designrl.bodies.walker import WalkerBody
 from designrl.errors import InputError
 from designrl.recording import Generation, RunWriter, read, record_rollout
 from designrl.recording.mcap_file import McapFile
-from designrl.viewer import layout, web
+from designrl.viewer import executable, layout, web
 from designrl.viewer import picture as picture_module
-from designrl.viewer.picture import EXECUTABLE, NO_DRIVER, NO_DRIVER_MESSAGE
+from designrl.viewer.executable import EXECUTABLE, LISTENING, Rerun
+from designrl.viewer.picture import NO_DRIVER, NO_DRIVER_MESSAGE
 
 
 def rerun(*arguments) -> subprocess.CompletedProcess:
@@ -87,6 +89,31 @@ def write_empty(path: Path) -> None:
     file = McapFile(path)
     file.publish()
     file.close()
+
+
+def script(folder: Path, body: str) -> Path:
+    """An executable file that stands for Rerun's."""
+    path = folder / "rerun"
+    path.write_text(f"#!/bin/sh\n{body}\n")
+    path.chmod(0o755)
+    return path
+
+
+def listening(rerun: Rerun) -> list[tuple[str, int]]:
+    """Address and port of each socket at which a process listens."""
+    try:
+        links = [os.readlink(p) for p in Path(f"/proc/{rerun._process.pid}/fd").iterdir()]
+        tables = [Path("/proc/net", name).read_text() for name in ("tcp", "tcp6")]
+    except OSError:
+        pytest.skip("needs /proc/net")
+    found = []
+    for row in (line.split() for table in tables for line in table.splitlines()[1:]):
+        address, _, port = row[1].partition(":")
+        if row[3] == "0A" and f"socket:[{row[9]}]" in links:
+            words = [bytes.fromhex(address[i : i + 8])[::-1] for i in range(0, len(address), 8)]
+            ip = ipaddress.ip_address(b"".join(words))
+            found.append((str(ip), int(port, 16)))
+    return found
 
 
 # --------------------------------------------------------------------- without a window
@@ -233,16 +260,12 @@ def test_a_damaged_robot_is_one_sentence(robot, tmp_path, capfd, monkeypatch):
 def test_without_a_display_that_opens_is_said_what_to_do(
     platform, displays, sentence, folder, tmp_path, monkeypatch
 ):
-    class Stream(rr.RecordingStream):
-        def spawn(self, **_):
-            raise RuntimeError("it is broken")
-
+    rerun = script(tmp_path, "echo a warning; echo it is broken; exit 1")
+    monkeypatch.setattr(executable, "EXECUTABLE", rerun)
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setenv("PATH", os.environ["PATH"])  # put back what the viewer adds
     monkeypatch.setattr(viewer.display.sys, "platform", platform)
-    monkeypatch.setattr(viewer.rr, "RecordingStream", Stream)
     with socket.create_server(("127.0.0.1", 0)) as x11, socket.socket(socket.AF_UNIX) as wayland:
         wayland.bind(str(tmp_path / "here"))
         wayland.listen()
@@ -252,19 +275,81 @@ def test_without_a_display_that_opens_is_said_what_to_do(
             viewer.replay([folder / "generations.mcap"])
 
 
-def test_a_viewer_that_ends_at_once_is_not_waited_for(folder, monkeypatch):
-    class Stream(rr.RecordingStream):
-        def spawn(self, **_):  # as where a display opens and then wants another user
-            pass
-
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        monkeypatch.setattr(viewer, "VIEWER_PORT", probe.getsockname()[1])
-    monkeypatch.setenv("PATH", os.environ["PATH"])  # put back what the viewer adds
+def test_a_window_gets_the_recording_from_nobody_but_us(folder, tmp_path, monkeypatch):
+    keep = 'echo "$CI" "$@" > "$0.words"; cat > "$0.rrd"'
+    rerun = script(tmp_path, keep)
+    monkeypatch.setattr(executable, "EXECUTABLE", rerun)
     monkeypatch.setattr(viewer, "require_display", lambda: None)
-    monkeypatch.setattr(viewer.rr, "RecordingStream", Stream)
-    with pytest.raises(InputError, match="did not start .*; add --save"):
-        viewer.replay([folder / "generations.mcap"])
+    viewer.replay([folder / "generations.mcap"])
+    words = Path(f"{rerun}.words").read_text()
+    assert words == "true --bind 127.0.0.1 --port 0 -\n"
+    assert "/generations/sigma" in logged(Path(f"{rerun}.rrd"))
+
+
+def test_a_window_opens_beside_a_stranger_who_holds_reruns_port(folder, monkeypatch):
+    if not shutil.which("Xvfb"):
+        pytest.skip("needs Xvfb")
+    made = []
+
+    class Kept(Rerun):
+        def __init__(self, *arguments, **kwargs):
+            super().__init__(*arguments, **kwargs)
+            made.append(self)
+
+    monkeypatch.setattr(viewer, "Rerun", Kept)
+    command = ["Xvfb", "-displayfd", "1", "-nolisten", "tcp"]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as x11,
+        socket.socket() as stranger,
+    ):
+        try:
+            monkeypatch.setenv("DISPLAY", f":{int(x11.stdout.readline())}")
+            monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+            stranger.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                stranger.bind(("127.0.0.1", 9876))
+            except OSError:
+                pytest.skip("port 9876 is in use")
+            stranger.listen()
+            viewer.replay([folder / "generations.mcap"])
+            with made[0] as rerun:  # which ends it
+                if rerun.says(NO_DRIVER_MESSAGE):
+                    pytest.skip(NO_DRIVER)
+                assert rerun.viewer().get_state().recordings
+                assert {address for address, _ in listening(rerun)} == {"127.0.0.1"}
+            assert not select.select([stranger], [], [], 0)[0]
+        finally:
+            x11.terminate()
+
+
+@pytest.mark.parametrize("options", [["--serve-web", "--web-viewer-port", "0"], ["--headless"]])
+def test_what_we_start_of_rerun_listens_here_alone_and_reports_nothing(
+    options, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for name in ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    with Rerun(*options) as rerun:
+        rerun.wait_for(lambda: rerun.says(LISTENING))
+        assert {address for address, _ in listening(rerun)} == {"127.0.0.1"}
+    assert not [*tmp_path.rglob("analytics*")]
+
+
+def test_what_we_start_of_rerun_ends_with_a_kill_of_us():
+    code = (
+        "from designrl.viewer.executable import LISTENING, Rerun\n"
+        "with Rerun('--serve-web', '--web-viewer-port', '0') as rerun:\n"
+        "    print(rerun.wait_for(lambda: rerun.says(LISTENING)), flush=True)\n"
+        "    input()\n"
+    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as process:
+        host, port = process.stdout.readline().strip().split(":")
+        with socket.create_connection((host, int(port)), 60) as connection:
+            process.kill()
+            assert connection.recv(100) is not None  # it waits
+            while connection.recv(100):
+                pass
 
 
 @pytest.mark.parametrize(
@@ -314,7 +399,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_nothing(option, folder, tmp_path
         return write(descriptor, bytes(data[:100]))
 
     monkeypatch.setattr(os, "write", full)
-    monkeypatch.setattr(viewer, "take_picture", lambda rrd, *at: rrd.read_bytes())
+    monkeypatch.setattr(viewer, "take_picture", lambda rrd, *at: rrd)
     target = tmp_path / "full" / "x"
     with pytest.raises(InputError, match=r"x cannot be written \(No space left on device\)"):
         viewer.replay([folder / "generations.mcap"], **{option: target})
@@ -348,29 +433,39 @@ def test_beside_a_run_a_rollouts_body_stands_from_the_first_generation_on(folder
 @pytest.fixture
 def served(folder):
     """The address that `designrl replay --web` prints."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-m", "designrl", "replay", folder, "--web", "--port", str(port)]
+    command = [sys.executable, "-m", "designrl", "replay", folder, "--web", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            yield process.stdout.readline().removeprefix("open ").strip(), port
+            yield process.stdout.readline().removeprefix("open ").strip()
         finally:
             process.terminate()
-    for each in (port, port + 1):  # the server has gone with the command
-        with pytest.raises(OSError), socket.create_connection(("127.0.0.1", each), 1):
-            pass
+    assert process.returncode == 130
 
 
-def test_a_browser_gets_a_page_and_the_data(served, folder):
-    url, port = served
-    with urllib.request.urlopen(url) as answer:
+def test_a_browser_gets_a_page_and_the_data_of_one_port(served, folder, tmp_path):
+    port = int(re.fullmatch(r"http://127\.0\.0\.1:(\d+)/", served)[1])
+    with urllib.request.urlopen(served) as answer:
         assert b"<canvas" in answer.read()
-    data = urllib.parse.parse_qs(urllib.parse.urlsplit(url).query)["url"]
-    assert data == [f"rerun+http://127.0.0.1:{port + 1}/proxy"]
-    socket.create_connection(("127.0.0.1", port + 1), 1).close()
+        assert answer.url == f"{served}?url=http%3A%2F%2F127.0.0.1%3A{port}%2Freplay.rrd"
+        assert answer.headers["Content-Security-Policy"].startswith("default-src 'self' ")
+    with urllib.request.urlopen(f"{served}replay.rrd") as answer:
+        (tmp_path / "served.rrd").write_bytes(answer.read())
+        assert "Access-Control-Allow-Origin" not in answer.headers
+    assert "/generations/sigma" in logged(tmp_path / "served.rrd")
     with pytest.raises(InputError, match=rf"{port} cannot be listened at .*--port"):
         viewer.replay([folder], web=("127.0.0.1", port))
+
+
+def test_a_page_of_another_name_gets_nothing(served):
+    here = socket.gethostname()
+    for host in ("127.0.0.1:80", "localhost", "[::1]:9090", "192.168.1.2:9090", f"{here}:9090"):
+        assert web.is_ours(host)
+    for host in ("evil.example", f"{here}.evil.example", "127.0.0.1.evil.example", "", "[", "a@:"):
+        assert not web.is_ours(host)
+        for path in ("", "replay.rrd"):
+            request = urllib.request.Request(served + path, headers={"Host": host})
+            with pytest.raises(urllib.error.HTTPError, match="403"):
+                urllib.request.urlopen(request)
 
 
 def test_the_layout_is_in_the_data_and_active(folder, tmp_path):
@@ -378,14 +473,6 @@ def test_the_layout_is_in_the_data_and_active(folder, tmp_path):
     text = rerun("rrd", "print", "-vvv", tmp_path / "a.rrd").stdout
     assert "BlueprintActivationCommand" in text and "make_active: true" in text
     assert "score of evaluated agents, points" in text
-
-
-@pytest.mark.parametrize(
-    ("address", "host"), [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("0.0.0.0", None)]
-)
-def test_the_address_is_one_that_a_browser_can_open(address, host):
-    host = host or socket.gethostname()
-    assert web.page(address, 80).startswith(f"http://{host}:80/?url=rerun%2Bhttp%3A%2F%2F")
 
 
 def test_a_browser_shows_our_layout(served):
@@ -397,7 +484,7 @@ def test_a_browser_shows_our_layout(served):
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=chromium, args=software.split())
         page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(served[0])
+        page.goto(served)
 
         def sky() -> float:
             page.wait_for_timeout(2000)

@@ -43,6 +43,7 @@ def uninterrupted():
     handlers = {
         number: signal.signal(number, lambda number, frame: held.append(number))
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) is not signal.SIG_IGN  # as under `nohup`
     }
     try:
         yield

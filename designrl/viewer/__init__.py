@@ -10,8 +10,7 @@ The layout (`viewer.layout`) and the data (`viewer.data`) are made apart, both w
 A run is on the timeline `generation`, a rollout on the timeline `time` (s of simulated time).
 """
 
-import os
-import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +23,11 @@ from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
 from designrl.viewer.data import log_recording
 from designrl.viewer.display import require_display
+from designrl.viewer.executable import Rerun
 from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
-from designrl.viewer.picture import EXECUTABLE, take_picture
-from designrl.viewer.web import is_listening, serve
+from designrl.viewer.picture import take_picture
+from designrl.viewer.web import serve
 
-VIEWER_PORT = 9876  # Rerun's own
 MAX_ROLLOUTS = 6  # of a run's folder that are opened; name files to open others
 
 
@@ -61,37 +60,27 @@ def replay(
     names = unique_names([recording.path for recording in recordings])
     layout = blueprint(recordings, names, for_picture=screenshot is not None)
     if not targets and not web:
-        _open(recordings, names, layout)
-        return
-    data = _as_rrd(recordings, names, layout)
+        require_display()
+    rrd = _as_rrd(recordings, names, layout)
     if save is not None:
-        write_atomically(save, data)
-    with tempfile.TemporaryDirectory() as folder:
-        shown = Path(folder) / "replay.rrd"
-        write_atomically(shown, data)
-        if screenshot is not None:
-            write_atomically(screenshot, take_picture(shown, *_moment(recordings[0], at)))
-        if web is not None:
-            serve(shown, *web)
+        write_atomically(save, rrd)
+    if screenshot is not None:
+        write_atomically(screenshot, take_picture(rrd, *_moment(recordings[0], at)))
+    if web is not None:
+        serve(rrd, *web)
+    elif not targets:
+        _open_window(rrd)
 
 
-def _open(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> None:
-    require_display()
-    # Where the environment is not activated, Rerun would not find its own viewer.
-    os.environ["PATH"] = f"{EXECUTABLE.parent}{os.pathsep}{os.environ.get('PATH', '')}"
-    stream = rr.RecordingStream("designrl")
-    try:
-        stream.spawn(connect=False)
-        if not is_listening("127.0.0.1", VIEWER_PORT):  # else Rerun would wait for it without end
-            raise RuntimeError("the display may not let it in")
-        stream.connect_grpc(default_blueprint=layout)
-        _log(stream, recordings, names)
-    except RuntimeError as error:
+def _open_window(rrd: bytes) -> None:
+    rerun = Rerun(rrd=rrd, stays=True)
+    with suppress(RuntimeError):  # slow, but there
+        rerun.viewer()
+    if rerun.has_failed():
         raise InputError(
-            f"Rerun's viewer did not start ({error}); add --save FILE.rrd and open that file "
-            "elsewhere"
-        ) from None
-    stream.disconnect()
+            f"Rerun's viewer did not start ({rerun.last_words()}); add --save FILE.rrd and open "
+            "that file elsewhere"
+        )
 
 
 def _as_rrd(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> bytes:

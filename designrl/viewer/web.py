@@ -1,98 +1,127 @@
-"""Rerun's viewer in a browser, from its own server on two ports of this machine."""
+"""Rerun's viewer in a browser: its page and the recordings, from one port of this machine.
 
+Rerun's own server answers whatever Host it is asked as, and any page of this machine; the page
+that it serves may report its use. Ours answers to this machine's names alone, and lets the page
+speak with nobody else.
+"""
+
+import http.server
 import ipaddress
-import signal
 import socket
-import subprocess
-import tempfile
-import time
-from pathlib import Path
-from urllib.parse import quote
+import socketserver
+import urllib.request
+from urllib.parse import quote, urlsplit
 
 from designrl.errors import InputError
-from designrl.viewer.picture import EXECUTABLE
+from designrl.terminal import heed_signals
+from designrl.viewer.executable import Rerun
 
-ADDRESS, PORT = "127.0.0.1", 9090  # of the page; the data come from the next port
-START_SECONDS = 30.0  # that the server may take to start
+ADDRESS, PORT = "127.0.0.1", 9090
+RECORDING = "replay.rrd"
+PAGE = {
+    "": "text/html",
+    "favicon.ico": "image/x-icon",
+    "re_viewer.js": "text/javascript",
+    "re_viewer_bg.wasm": "application/wasm",
+}
+ONLY_US = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'"
 
 
-def serve(rrd: Path, address: str = ADDRESS, port: int = PORT) -> None:
-    """Serve an .rrd file to browsers, say where, and go on until Ctrl-C.
+def serve(rrd: bytes, address: str = ADDRESS, port: int = PORT) -> None:
+    """Serve an .rrd file's bytes to browsers, say where, and go on until Ctrl-C.
 
     Args:
         address: to listen at; anyone who reaches it sees the recordings.
-        port: of the page; the data come from the next one.
+        port: to listen at; 0 for a free one.
 
     Raises:
         InputError: not an address of this machine, or a port that is not free.
     """
-    for each in (port, port + 1):
-        _check_free(address, each)
-    command = [EXECUTABLE, rrd, "--serve-web", "--bind", address, "--web-viewer-port", str(port)]
-    command += ["--port", str(port + 1)]
-    local = ipaddress.ip_address(address).is_loopback
-    if not local:  # Rerun's server answers pages from elsewhere only if told to
-        command += ["--cors-allow-origin", f"http://*:{port}"]
-    for polite in (signal.SIGTERM, signal.SIGHUP):  # they end the server, too
-        signal.signal(polite, signal.default_int_handler)
-    with (
-        tempfile.TemporaryFile() as log,
-        subprocess.Popen(command, stdout=log, stderr=log) as process,
-    ):
-        try:
-            if not _wait_for(address, port, process) or not _wait_for(address, port + 1, process):
-                log.seek(0)
-                said = log.read().decode(errors="replace").strip().rpartition("\n")[2]
-                raise InputError(f"Rerun's server did not start ({said})")
-            _say(page(address, port), port, local)
-            process.wait()
-        finally:
-            process.terminate()
-
-
-def page(address: str, port: int) -> str:
-    """What to open in a browser."""
-    ip = ipaddress.ip_address(address)
-    host = socket.gethostname() if ip.is_unspecified else f"[{ip}]" if ip.version == 6 else address
-    data = quote(f"rerun+http://{host}:{port + 1}/proxy", safe="")
-    return f"http://{host}:{port}/?url={data}"
-
-
-def _say(url: str, port: int, local: bool) -> None:
-    print(f"open {url}\nin a browser; Ctrl-C ends the server", flush=True)
-    if local:
-        ports = " ".join(f"-L {each}:127.0.0.1:{each}" for each in (port, port + 1))
-        print(f"from another machine, first: ssh {ports} {socket.gethostname()}", flush=True)
-
-
-def _check_free(address: str, port: int) -> None:
+    heed_signals()  # they end the server
     try:
-        family = socket.AF_INET6 if ipaddress.ip_address(address).version == 6 else socket.AF_INET
-        with socket.socket(family) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((address, port))
+        ip = ipaddress.ip_address(address)
+        server = _Server(ip, port)
     except (OSError, OverflowError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
             f"{address}:{port} cannot be listened at ({reason}); choose others with --bind "
             "ADDRESS and --port N"
         ) from None
+    with server:
+        server.files = {**_rerun_page(), RECORDING: ("application/octet-stream", rrd)}
+        port = server.server_address[1]
+        name = f"[{ip}]" if ip.version == 6 else address
+        where = socket.gethostname() if ip.is_unspecified else name
+        print(f"open http://{where}:{port}/\nin a browser; Ctrl-C ends the server", flush=True)
+        if ip.is_loopback:
+            tunnel = f"ssh -L {port}:{name}:{port} {socket.gethostname()}"
+            print(f"from another machine, first: {tunnel}", flush=True)
+        server.serve_forever()
 
 
-def is_listening(address: str, port: int) -> bool:
-    """Something takes connections there."""
+def _rerun_page() -> dict[str, tuple[str, bytes]]:
+    """Path -> type and content of the files that are the viewer, from Rerun's own server."""
+    with Rerun("--serve-web", "--web-viewer-port", "0") as rerun:
+        try:
+            url = rerun.wait_for(lambda: rerun.says(r"Hosting a web-viewer at (http://[\d.:]+)"))
+            open_url = urllib.request.build_opener(urllib.request.ProxyHandler({})).open
+            return {path: (kind, open_url(f"{url}/{path}").read()) for path, kind in PAGE.items()}
+        except (RuntimeError, OSError) as error:
+            raise InputError(f"Rerun's page cannot be read: {error}") from None
+
+
+def is_ours(host: str) -> bool:
+    """Whether a Host header means this machine: by address, or by a name that nobody else gives.
+
+    A page of another name, which its owner lets mean this machine, could read the recordings.
+    """
     try:
-        socket.create_connection((address, port), 1).close()
-    except OSError:
+        name = urlsplit(f"//{host}").hostname or ""
+        if name in ("localhost", socket.gethostname().lower()):
+            return True
+        ipaddress.ip_address(name)
+    except ValueError:
         return False
     return True
 
 
-def _wait_for(address: str, port: int, process: subprocess.Popen) -> bool:
-    """Whether the process listens there, within START_SECONDS."""
-    deadline = time.monotonic() + START_SECONDS
-    while process.poll() is None and time.monotonic() < deadline:
-        if is_listening(address, port):
-            return True
-        time.sleep(0.1)
-    return False
+class _Server(socketserver.ThreadingTCPServer):
+    allow_reuse_address = daemon_threads = True
+    files: dict[str, tuple[str, bytes]]
+
+    def __init__(self, ip: ipaddress.IPv4Address | ipaddress.IPv6Address, port: int):
+        self.address_family = socket.AF_INET6 if ip.version == 6 else socket.AF_INET
+        super().__init__((str(ip), port), _Handler)
+
+    def handle_error(self, *_) -> None:
+        """A browser that leaves early is nothing to speak of."""
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self) -> None:
+        host = self.headers.get("Host", "")
+        path = self.path.removeprefix("/").partition("?")[0]
+        if not is_ours(host):
+            self.send_error(403, f"open it by its address, or as {socket.gethostname()}")
+        elif self.path == "/":
+            self.send_response(302)
+            url = quote(f"http://{host}/{RECORDING}", safe="")
+            self._finish(b"", Location=f"/?url={url}")
+        elif path in self.server.files:
+            kind, content = self.server.files[path]
+            self.send_response(200)
+            self._finish(content, **{"Content-Type": kind, "Content-Security-Policy": ONLY_US})
+        else:
+            self.send_error(404)
+
+    def _finish(self, content: bytes, **headers: str) -> None:
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *_) -> None:
+        """The terminal is for what the command says."""
