@@ -35,17 +35,17 @@ from designrl.train import TrainingRun
 from reproduce import scores
 from reproduce.program import program
 from reproduce.publish import publish
+from reproduce.runs import SOLVED
 
 # How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
 FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
 LATER = {"f": 5, "h": 5, "b": 10, "a": 10}
-SOLVED = 300.0  # points, at which the runs with the paper's own settings end
-PAPER = {"recipe": "paper", "stop_score": SOLVED}
+PAPER = {"recipe": "paper", "stop_score": SOLVED}  # these runs end at that score
 HEADLINE = ("biped-hardcore-morphology", "biped-hardcore")  # they have such a run, too: Figure 5
 LOOK_SECONDS = 2.0  # between two looks at the runs
 SAY_SECONDS = 600.0  # between two lines of a run where the output is no terminal
-AGAIN = 3  # generations of a recording that verify compares
-COMPARED = ("mean", "sd", "best", "worst", "sigma_mean", "sigma_min", "sigma_max", "steps")
+COMPARED_GENERATIONS = 3  # of a recording, by verify
+COMPARED_FIELDS = ("mean", "sd", "best", "worst", "sigma_mean", "sigma_min", "sigma_max", "steps")
 
 
 @dataclass(frozen=True)
@@ -208,14 +208,14 @@ def compare(run: Planned) -> int:
         InputError: they differ from the run's recording.
     """
     recording = read(scores.ROOT / "logs" / run.place / "generations.mcap")
-    held = recording.generations[:AGAIN]
+    held = recording.generations[:COMPARED_GENERATIONS]
     with tempfile.TemporaryDirectory() as folder:
         again = TrainingRun(replace(run.settings, generations=int(held[-1]) + 1), folder)
         again.run()
         ours = read(Path(folder, "generations.mcap"))
-        for field in COMPARED:
+        for field in COMPARED_FIELDS:
             now = ours.array("/summary", field)[held]
-            then = recording.array("/summary", field)[:AGAIN]
+            then = recording.array("/summary", field)[:COMPARED_GENERATIONS]
             if not np.array_equal(now, then):
                 raise InputError(f"{run.place}: {field} of generations {held} is {now}, not {then}")
     return len(held)
