@@ -16,6 +16,7 @@
 #                                    its tests, 300 episodes and 5,000 steps in a build that
 #                                    watches memory and undefined behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
+#   make proto                       designrl/recording/schema_pb2.py from schema.proto
 #   make bench                       speeds as ratios to a named baseline
 VENV := .venv
 BIN := $(VENV)/bin
@@ -35,7 +36,7 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup same-python test bench lint reproduce FORCE page gallery train-all zoo verify-runs \
+.PHONY: setup same-python test bench lint proto reproduce FORCE page gallery train-all zoo verify-runs \
   verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
@@ -77,6 +78,10 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	@if command -v npx >/dev/null; then npx --yes --package typescript@5.9.3 tsc -p docs/page; \
 	else echo "the types of docs/page/src are not checked: there is no npx"; fi
+
+proto: $(READY)
+	@$(PIP) install --quiet -c requirements-extras.lock grpcio-tools
+	$(BIN)/python -m grpc_tools.protoc -I. --python_out=. designrl/recording/schema.proto
 
 reproduce: $(READY)
 	@$(BIN)/python -m reproduce.build

@@ -43,6 +43,34 @@ def load_module(name: str) -> None:
         raise InputError(f"{name} has the name of a module that is in use; give it another")
 
 
+def _command(commands, name: str, function, help: str) -> argparse.ArgumentParser:  # noqa: A002
+    sub = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
+    sub.set_defaults(function=function)
+    return sub
+
+
+def _workers(sub, group) -> None:
+    sub.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
+    group.add_argument(
+        "--workers",
+        type=int,
+        default=core_count(),
+        help="processes or threads (default: %(default)s); they do not change the result",
+    )
+
+
+def _agent_file(sub) -> None:
+    about = "a checkpoint, a run's folder, one that `designrl checkpoints` lists, or a 2018 .json"
+    sub.add_argument("file", metavar="FILE", help=about)
+    sub.add_argument("--experiment", help="what a 2018 .json was trained for")
+    sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
+
+
+def _require_suffix(path: str, suffix: str) -> None:
+    if Path(path).suffix != suffix:
+        raise InputError(f"{path} would not be opened as what it is; give it a name in {suffix}")
+
+
 def _experiments(_args) -> None:
     print(f"{'experiment':38} paper  network      design  recipe")
     shown = ("population", "rollouts", "generations")
@@ -61,6 +89,15 @@ def _experiments(_args) -> None:
             ]
             print(f"{about:66} {recipe + ':':7}{', '.join(words)}")
             about = ""
+
+
+def _add_experiments(commands) -> None:
+    _command(
+        commands,
+        "experiments",
+        _experiments,
+        "list the experiments with the paper's settings and ours",
+    )
 
 
 def settings_of(args) -> TrainSettings:
@@ -113,6 +150,43 @@ def _train(args) -> None:
     print(printable(done))
 
 
+def _add_train(commands) -> None:
+    train = _command(commands, "train", _train, "train an experiment")
+    train.add_argument("experiment", metavar="EXPERIMENT")
+    train.add_argument(
+        "--recipe",
+        default="paper",
+        help=f"settings to start from: {', '.join(RECIPES)} (default: paper); ours is one for "
+        "every seed, plain has the paper's equations as written",
+    )
+    for setting in dataclasses.fields(TrainSettings):
+        if setting.name == "experiment":
+            continue
+        hint = typing.get_type_hints(TrainSettings)[setting.name]
+        kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
+        how = {"type": kind, "metavar": "X"}
+        if kind is bool:
+            how = {"action": argparse.BooleanOptionalAction}
+        flag = "--" + setting.name.replace("_", "-")  # without it, the recipe decides
+        train.add_argument(flag, default=None, help=setting.metadata["help"], **how)
+    where = train.add_mutually_exclusive_group()
+    _workers(train, where)
+    where.add_argument(
+        "--ray",
+        metavar="local|ADDRESS",
+        help="simulate on a Ray cluster instead: on a new one here, or on that at the address",
+    )
+    train.add_argument("--out", help="the run's folder (default: runs/EXPERIMENT/seedSEED)")
+    train.add_argument(
+        "--resume", action="store_true", help="go on with the run that the folder holds, if any"
+    )
+    train.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="measure for some seconds what the run would take, say so, and start nothing",
+    )
+
+
 def _evaluate(args) -> None:
     from tqdm import tqdm
 
@@ -146,6 +220,20 @@ def _evaluate(args) -> None:
     )
 
 
+def _add_evaluate(commands) -> None:
+    evaluate = _command(
+        commands, "evaluate", _evaluate, "score an agent without training-time rewards"
+    )
+    _agent_file(evaluate)
+    evaluate.add_argument("--episodes", type=int, default=100, help="default: 100, as the paper")
+    evaluate.add_argument("--json", action="store_true", help="print one JSON object")
+    evaluate.add_argument(
+        "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
+    )
+    evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
+    _workers(evaluate, evaluate)
+
+
 def _import(args) -> None:
     from designrl.author import fitting, load_author
     from designrl.checkpoint import save
@@ -159,9 +247,11 @@ def _import(args) -> None:
     print(printable(f"{args.output} written, as {args.experiment}{doubt}"))
 
 
-def _require_suffix(path: str, suffix: str) -> None:
-    if Path(path).suffix != suffix:
-        raise InputError(f"{path} would not be opened as what it is; give it a name in {suffix}")
+def _add_import(commands) -> None:
+    convert = _command(commands, "import", _import, "convert a 2018 .json of the author's weights")
+    convert.add_argument("file", metavar="FILE.json")
+    convert.add_argument("--experiment", required=True, help="what it was trained for")
+    convert.add_argument("-o", "--output", required=True, metavar="FILE.safetensors")
 
 
 def _record(args) -> None:
@@ -194,6 +284,22 @@ def _record(args) -> None:
         with tqdm(unit="picture", leave=False, disable=None) as bar:
             score = record_video(agent, args.video, seed, bar.update)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
+
+
+def _add_record(commands) -> None:
+    record = _command(
+        commands, "record", _record, "roll out once and record it for Rerun, or as a video"
+    )
+    _agent_file(record)
+    record.add_argument("-o", "--output", metavar="FILE.mcap")
+    record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
+    record.add_argument(
+        "--episode",
+        type=int,
+        default=0,
+        metavar="N",
+        help="which of the episodes that `designrl evaluate --json` lists, from 0 (default: 0)",
+    )
 
 
 def _replay(args) -> None:
@@ -231,151 +337,8 @@ def _film(args) -> None:
     print(f"{args.video} written")
 
 
-def _info(args) -> None:
-    from designrl.names import find
-
-    inside = (Path(args.file) / name for name in ("best.safetensors", "generations.mcap"))
-    for path in [path for path in inside if path.exists()] or [find(args.file)]:
-        _describe(path)
-
-
-def _describe(path: Path) -> None:
-    from mcap.writer import MCAP0_MAGIC
-
-    if path.suffix == ".mcap" or read_limited(path, 8).startswith(MCAP0_MAGIC):
-        from designrl.recording import describe
-    elif path.suffix == ".json":
-        from designrl.author import describe
-    else:
-        from designrl.checkpoint import describe
-    print(describe(path))
-
-
-def _export(args) -> None:
-    from designrl.recording.table import check_target, table, write_table
-
-    check_target(args.output)
-    columns = table(args.file, args.episodes)
-    write_table(columns, args.output)
-    rows = len(next(iter(columns.values())))
-    held = set(columns.get("generation", ()))  # of a published run, only some
-    of = f", {len(held):,} of the generations {min(held):,} to {max(held):,}" if held else ""
-    print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns{of}"))
-
-
-def _checkpoints(_args) -> None:
-    from designrl.names import our_agents
-
-    for name, about in our_agents().items():
-        print(
-            f"{name:44} {about['mean']:.1f} ± {about['std']:.1f} over {about['episodes']} episodes"
-        )
-
-
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
-    top = argparse.ArgumentParser(
-        prog="designrl",
-        description="Reinforcement Learning for Improving Agent Design (Ha 2018): train, evaluate, "
-        "record and replay agents that learn their body together with their policy.",
-    )
-    top.add_argument(
-        "--load",
-        action="append",
-        default=[],
-        metavar="MODULE",
-        help="first run a module or .py file that registers experiments of your own",
-    )
-    top.add_argument("--version", action="version", version=f"designrl {VERSION}")
-    commands = top.add_subparsers(required=True, metavar="COMMAND")
-
-    def command(name: str, function, help: str) -> argparse.ArgumentParser:  # noqa: A002
-        sub = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-        sub.set_defaults(function=function)
-        return sub
-
-    def workers(sub, group) -> None:
-        sub.add_argument("--backend", default="engine", help='"engine" (default) or "reference"')
-        group.add_argument(
-            "--workers",
-            type=int,
-            default=core_count(),
-            help="processes or threads (default: %(default)s); they do not change the result",
-        )
-
-    command("experiments", _experiments, "list the experiments with the paper's settings and ours")
-
-    train = command("train", _train, "train an experiment")
-    train.add_argument("experiment", metavar="EXPERIMENT")
-    train.add_argument(
-        "--recipe",
-        default="paper",
-        help=f"settings to start from: {', '.join(RECIPES)} (default: paper); ours is one for "
-        "every seed, plain has the paper's equations as written",
-    )
-    for setting in dataclasses.fields(TrainSettings):
-        if setting.name == "experiment":
-            continue
-        hint = typing.get_type_hints(TrainSettings)[setting.name]
-        kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
-        how = {"type": kind, "metavar": "X"}
-        if kind is bool:
-            how = {"action": argparse.BooleanOptionalAction}
-        flag = "--" + setting.name.replace("_", "-")  # without it, the recipe decides
-        train.add_argument(flag, default=None, help=setting.metadata["help"], **how)
-    where = train.add_mutually_exclusive_group()
-    workers(train, where)
-    where.add_argument(
-        "--ray",
-        metavar="local|ADDRESS",
-        help="simulate on a Ray cluster instead: on a new one here, or on that at the address",
-    )
-    train.add_argument("--out", help="the run's folder (default: runs/EXPERIMENT/seedSEED)")
-    train.add_argument(
-        "--resume", action="store_true", help="go on with the run that the folder holds, if any"
-    )
-    train.add_argument(
-        "--dry-run",
-        action="store_true",
-        help="measure for some seconds what the run would take, say so, and start nothing",
-    )
-
-    def agent_file(sub) -> None:
-        about = (
-            "a checkpoint, a run's folder, one that `designrl checkpoints` lists, or a 2018 .json"
-        )
-        sub.add_argument("file", metavar="FILE", help=about)
-        sub.add_argument("--experiment", help="what a 2018 .json was trained for")
-        sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
-
-    evaluate = command("evaluate", _evaluate, "score an agent without training-time rewards")
-    agent_file(evaluate)
-    evaluate.add_argument("--episodes", type=int, default=100, help="default: 100, as the paper")
-    evaluate.add_argument("--json", action="store_true", help="print one JSON object")
-    evaluate.add_argument(
-        "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
-    )
-    evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
-    workers(evaluate, evaluate)
-
-    convert = command("import", _import, "convert a 2018 .json of the author's weights")
-    convert.add_argument("file", metavar="FILE.json")
-    convert.add_argument("--experiment", required=True, help="what it was trained for")
-    convert.add_argument("-o", "--output", required=True, metavar="FILE.safetensors")
-
-    record = command("record", _record, "roll out once and record it for Rerun, or as a video")
-    agent_file(record)
-    record.add_argument("-o", "--output", metavar="FILE.mcap")
-    record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
-    record.add_argument(
-        "--episode",
-        type=int,
-        default=0,
-        metavar="N",
-        help="which of the episodes that `designrl evaluate --json` lists, from 0 (default: 0)",
-    )
-
-    replay = command("replay", _replay, "open recordings in Rerun")
+def _add_replay(commands) -> None:
+    replay = _command(commands, "replay", _replay, "open recordings in Rerun")
     replay.add_argument(
         "files", nargs="+", metavar="FILE.mcap", help="recordings, run folders or names"
     )
@@ -400,7 +363,48 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--bind", metavar="ADDRESS", help="of --web (default: 127.0.0.1)")
     replay.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090)")
 
-    export = command("export", _export, "write a recording's numbers as a table")
+
+def _info(args) -> None:
+    from designrl.names import find
+
+    inside = (Path(args.file) / name for name in ("best.safetensors", "generations.mcap"))
+    for path in [path for path in inside if path.exists()] or [find(args.file)]:
+        _describe(path)
+
+
+def _describe(path: Path) -> None:
+    from mcap.writer import MCAP0_MAGIC
+
+    if path.suffix == ".mcap" or read_limited(path, 8).startswith(MCAP0_MAGIC):
+        from designrl.recording import describe
+    elif path.suffix == ".json":
+        from designrl.author import describe
+    else:
+        from designrl.checkpoint import describe
+    print(describe(path))
+
+
+def _add_info(commands) -> None:
+    info = _command(
+        commands, "info", _info, "tell what a checkpoint, a recording or a run's folder holds"
+    )
+    info.add_argument("file", metavar="FILE")
+
+
+def _export(args) -> None:
+    from designrl.recording.table import check_target, table, write_table
+
+    check_target(args.output)
+    columns = table(args.file, args.episodes)
+    write_table(columns, args.output)
+    rows = len(next(iter(columns.values())))
+    held = set(columns.get("generation", ()))  # of a published run, only some
+    of = f", {len(held):,} of the generations {min(held):,} to {max(held):,}" if held else ""
+    print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns{of}"))
+
+
+def _add_export(commands) -> None:
+    export = _command(commands, "export", _export, "write a recording's numbers as a table")
     about = (
         "a recording, or a run's folder or name: by generation learning curve, evaluations and body"
     )
@@ -410,10 +414,45 @@ def parser() -> argparse.ArgumentParser:
         "--episodes", action="store_true", help="of a run, each episode of its evaluations instead"
     )
 
-    info = command("info", _info, "tell what a checkpoint, a recording or a run's folder holds")
-    info.add_argument("file", metavar="FILE")
 
-    command("checkpoints", _checkpoints, "list the published agents and their scores")
+def _checkpoints(_args) -> None:
+    from designrl.names import our_agents
+
+    for name, about in our_agents().items():
+        print(
+            f"{name:44} {about['mean']:.1f} ± {about['std']:.1f} over {about['episodes']} episodes"
+        )
+
+
+def _add_checkpoints(commands) -> None:
+    _command(commands, "checkpoints", _checkpoints, "list the published agents and their scores")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    top = argparse.ArgumentParser(
+        prog="designrl",
+        description="Reinforcement Learning for Improving Agent Design (Ha 2018): train, evaluate, "
+        "record and replay agents that learn their body together with their policy.",
+    )
+    top.add_argument(
+        "--load",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="first run a module or .py file that registers experiments of your own",
+    )
+    top.add_argument("--version", action="version", version=f"designrl {VERSION}")
+    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    _add_experiments(commands)
+    _add_train(commands)
+    _add_evaluate(commands)
+    _add_import(commands)
+    _add_record(commands)
+    _add_replay(commands)
+    _add_export(commands)
+    _add_info(commands)
+    _add_checkpoints(commands)
     return top
 
 

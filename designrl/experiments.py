@@ -161,7 +161,13 @@ _OURS_HARDCORE_ORIGINAL = {
 
 def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> Experiment:
     return Experiment(
-        *(name, letter, title, "designrl/Ant-v0", ANT, ANT_NETWORK, learns_design),
+        name,
+        letter,
+        title,
+        "designrl/Ant-v0",
+        ANT,
+        ANT_NETWORK,
+        learns_design,
         paper={"generations": 3000},
         ours=_OURS_ANT,
         **kwargs,
@@ -173,7 +179,13 @@ def _walker(name: str, letter: str, title: str, learns_design: bool, **kwargs) -
     # The original body learns more slowly: after 5,000 it still rises.
     ours = {**paper, **_OURS, "generations": 5000 if learns_design else 7000}
     return Experiment(
-        *(name, letter, title, env_id, WALKER, WALKER_NETWORK, learns_design),
+        name,
+        letter,
+        title,
+        env_id,
+        WALKER,
+        WALKER_NETWORK,
+        learns_design,
         **{"paper": paper, "ours": ours, "shaping": Shaping(), **kwargs},
     )
 
@@ -198,14 +210,19 @@ EXPERIMENTS: dict[str, Experiment] = {
         _walker("biped", "c", "Biped", False),
         _walker("biped-morphology", "d", "Biped + Morphology", True),
         _walker(
-            *("biped-morphology-smaller-leg", "e", "Biped + Morphology + Smaller Leg", True),
+            "biped-morphology-smaller-leg",
+            "e",
+            "Biped + Morphology + Smaller Leg",
+            True,
             **_SMALLER_LEG,
         ),
         _hardcore("biped-hardcore", "f", "Biped Hardcore", False),
         _hardcore("biped-hardcore-morphology", "g", "Biped Hardcore + Morphology", True),
         _hardcore(
             "biped-hardcore-morphology-smaller-leg",
-            *("h", "Biped Hardcore + Morphology + Smaller Leg", True),
+            "h",
+            "Biped Hardcore + Morphology + Smaller Leg",
+            True,
             **_SMALLER_LEG,
         ),
     )

@@ -24,8 +24,15 @@ def dry_run(run: TrainingRun) -> None:
     """Measure for some seconds what is left to do of a run, and print it; starts nothing.
 
     Raises:
-        InputError: the run's recordings will be larger than what is free on their disk.
+        InputError: the run's recordings will be larger than what is free on their disk, or the
+            environment sets no limit to an episode.
     """
+    longest = gymnasium.spec(run.experiment.env_id).max_episode_steps
+    if longest is None:
+        raise InputError(
+            f"{run.experiment.env_id} sets no limit to an episode, so what a run would take cannot "
+            "be said; register it with max_episode_steps, or train without --dry-run"
+        )
     settings, first, end = run.settings, run.progress.generation, run.settings.generations
     generation = settings.population * settings.rollouts
     evaluation = settings.evaluation_episodes or generation
@@ -34,7 +41,6 @@ def dry_run(run: TrainingRun) -> None:
     episodes = training_episodes + evaluations * evaluation
 
     backend, speed, shortest = _simulation_speed(run)
-    longest = gymnasium.spec(run.experiment.env_id).max_episode_steps
     low, high = episodes * shortest, episodes * longest
     generation_bytes, rollout_bytes = recorded_bytes(run, longest)
     recording = generation_bytes * (end - first)

@@ -5,9 +5,7 @@ order and the bias; then the outputs' log-stds where the network has noise; last
 parameters, which are not the network's business.
 
 Rollouts compute in float32 in a fixed order, so that every backend and every machine gives the
-same bits, in NumPy or, where the engine's library is there, in C++. `designrl.network.TanhPolicy`
-is the same network in torch, for everything that wants gradients or batches; the two agree to
-float32 rounding.
+same bits, in NumPy or, where the engine's library is there, in C++.
 """
 
 import math

@@ -27,10 +27,21 @@ from reproduce import drawing, scores
 from reproduce.program import program
 
 ITEMS = (
-    *("table1", "table2", "table3", "table4", "statistics"),
-    *("figure1", "figure2", "figure3", "figure4", "figure5", "figure6", "figure7"),
+    "table1",
+    "table2",
+    "table3",
+    "table4",
+    "statistics",
+    "figure1",
+    "figure2",
+    "figure3",
+    "figure4",
+    "figure5",
+    "figure6",
+    "figure7",
     "transfer",
-    *("readme", "report"),  # last: they show the others
+    "readme",  # the last two show the others
+    "report",
 )
 # People write in the first, git does not keep the others: none belongs to a committed manifest.
 NOT_COMMITTED = ("README.md", "paper/report.html", ".svg", ".pdf")

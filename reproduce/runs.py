@@ -10,7 +10,7 @@ from designrl.policy import Agent
 from designrl.recording import read
 from reproduce import scores
 
-SOLVED = 300  # points, for the walkers
+SOLVED = 300.0  # points, for the walkers
 
 
 def recordings(experiment: str) -> list[Path]:

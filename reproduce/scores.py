@@ -34,8 +34,8 @@ ROOT = Path(__file__).resolve().parents[1]
 EPISODES = 100  # as the paper's tables
 SEED = 0
 MISSING = "no checkpoint yet"  # in place of a score
-AGAIN = slice(0, None, 20)  # of the episodes, those that the reference plays, too
-AGAIN_SECONDS = 600.0  # that these may take; they take a few
+ON_REFERENCE = slice(0, None, 20)  # of the episodes, those that the reference plays, too
+REFERENCE_SECONDS = 600.0  # that these may take; they take a few
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def scoring_note() -> str:
     how = f"{EPISODES} episodes, evaluation seed {SEED}"
     where = "reference environments"
     if backend() == "engine":
-        again = len(range(EPISODES)[AGAIN])
+        again = len(range(EPISODES)[ON_REFERENCE])
         where = f"engines; {again} of each {EPISODES} episodes on the reference, too, to the bit"
     return f"Scored on the {where}; {how}; {used}."
 
@@ -192,14 +192,14 @@ def compare_with_reference(played: list[Score]) -> None:
         closing(workers),
         tqdm(tasks, "on the reference, too", leave=False, disable=None if tasks else True) as bar,
     ):
-        for i, returns in workers.run(on_reference, agents, tasks, AGAIN_SECONDS):
+        for i, returns in workers.run(on_reference, agents, tasks, REFERENCE_SECONDS):
             bar.update()
-            ours = played[i].returns[AGAIN]
+            ours = played[i].returns[ON_REFERENCE]
             for at in np.flatnonzero(ours != returns):
                 raise InputError(
-                    f"{shown(played[i].path)}: episode {range(EPISODES)[AGAIN][at]} of evaluation "
-                    f"seed {SEED} has {ours[at]!r} on the engine and {returns[at]!r} on the "
-                    "reference; score with BACKEND=reference, and report it"
+                    f"{shown(played[i].path)}: episode {range(EPISODES)[ON_REFERENCE][at]} of "
+                    f"evaluation seed {SEED} has {ours[at]!r} on the engine and {returns[at]!r} on "
+                    "the reference; score with BACKEND=reference, and report it"
                 )
 
 
@@ -207,7 +207,7 @@ def on_reference(about: tuple) -> np.ndarray:
     """The returns of some episodes of an agent in the reference environment."""
     experiment, network, parameters = about
     with Simulator(experiment, "reference", network) as simulator:
-        seeds = episode_seeds(SEED, EPISODES)[AGAIN]
+        seeds = episode_seeds(SEED, EPISODES)[ON_REFERENCE]
         return simulator.rollout(parameters[None], seeds[None]).returns[0]
 
 

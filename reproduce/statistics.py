@@ -121,8 +121,14 @@ def pairs(means: Means, ours: list[scores.Score]) -> Table:
         "statistics",
         "Does learning the body help? Pairs of experiments, the paper's runs and ours",
         header=[
-            *("Pair", "With a learned body", "Runs of", "Runs (with, without)"),
-            *("Difference of means", "Probability of improvement", "p", "With it is"),
+            "Pair",
+            "With a learned body",
+            "Runs of",
+            "Runs (with, without)",
+            "Difference of means",
+            "Probability of improvement",
+            "p",
+            "With it is",
         ],
         rows=rows,
         notes=[

@@ -45,8 +45,8 @@ PAPER = ["g1", "g2", "f1", "g0", "g3", "h0", "f0", "h1", "g4", "f2", "h2", "d0",
 SHOWN = {"f": 8000, "g": 3000, "h": 3000}
 LOOK_SECONDS = 2.0  # between two looks at the runs
 SAY_SECONDS = 600.0  # between two lines of a run where the output is no terminal
-AGAIN = 3  # generations of a recording that verify compares
-COMPARED = ("mean", "sd", "best", "worst", "sigma_mean", "sigma_min", "sigma_max", "steps")
+COMPARED_GENERATIONS = 3  # of a recording, by verify
+COMPARED_FIELDS = ("mean", "sd", "best", "worst", "sigma_mean", "sigma_min", "sigma_max", "steps")
 
 
 @dataclass(frozen=True)
@@ -211,14 +211,14 @@ def compare(run: Planned) -> int:
         InputError: they differ from the run's recording.
     """
     recording = read(scores.ROOT / "logs" / run.place / "generations.mcap")
-    held = recording.generations[:AGAIN]
+    held = recording.generations[:COMPARED_GENERATIONS]
     with tempfile.TemporaryDirectory() as folder:
         again = TrainingRun(replace(run.settings, generations=int(held[-1]) + 1), folder)
         again.run()
         ours = read(Path(folder, "generations.mcap"))
-        for field in COMPARED:
+        for field in COMPARED_FIELDS:
             now = ours.array("/summary", field)[held]
-            then = recording.array("/summary", field)[:AGAIN]
+            then = recording.array("/summary", field)[:COMPARED_GENERATIONS]
             if not np.array_equal(now, then):
                 raise InputError(f"{run.place}: {field} of generations {held} is {now}, not {then}")
     return len(held)

@@ -23,7 +23,6 @@ FLOORS = (  # from the ground up; the rooms of a package stand on its floor
     "envs",
     "experiments",
     "policy",
-    "network",
     "settings",
     "reinforce",
     "workers",

@@ -27,12 +27,11 @@ ROOT = Path(__file__).parents[1]
 NATIVE = ROOT / "designrl" / "engine" / "native"
 SOURCES = [*NATIVE.glob("*/*.cpp"), ROOT / "tests" / "native" / "episodes.cpp"]
 # Those of setup.py that the bits hang on, and what a machine without a C++ library needs.
-FLAGS = [
-    *("-std=c++17", "-O2", "-g0", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
-    *("-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics", f"-I{NATIVE}"),
-]
+FLAGS = ["-std=c++17", "-O2", "-g0", "-ffp-contract=off", "-fno-math-errno"]
+FLAGS += ["-fno-trapping-math", "-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics"]
+FLAGS += [f"-I{NATIVE}"]
 ARM = ["aarch64-linux-gnu-g++", "-static"]
-WASM = [*(sys.executable, "-m", "ziglang", "c++"), "-target", "wasm32-wasi"]
+WASM = [sys.executable, "-m", "ziglang", "c++", "-target", "wasm32-wasi"]
 WASM += ["-msimd128", "-nostdlib++", "-s"]
 # A program for WASI, run by Node: files as its standard input and output.
 RUN_WASM = """

@@ -133,6 +133,15 @@ def test_the_generated_module_is_that_of_the_proto_file():
     assert not re.findall(r"= \d+;$", text, re.M), "each field has a comment"
 
 
+def test_the_generated_module_is_what_make_proto_writes(tmp_path):
+    pytest.importorskip("grpc_tools", reason="needs grpcio-tools (`make proto` installs it)")
+    module = Path(schema_pb2.__file__)
+    root = module.parents[2]
+    command = [sys.executable, "-m", "grpc_tools.protoc", f"-I{root}", f"--python_out={tmp_path}"]
+    subprocess.run([*command, module.with_name("schema.proto")], check=True)
+    assert (tmp_path / module.relative_to(root)).read_bytes() == module.read_bytes()
+
+
 # ------------------------------------------------------------------------------- a run
 
 

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -518,6 +519,13 @@ def test_a_dry_run_says_what_the_run_then_takes(tmp_path, capsys, monkeypatch):
     run.run()
     assert 0.5 < (out / "generations.mcap").stat().st_size / (7 * generation) < 1.5
     assert sum(p.stat().st_size for p in (out / "rollouts").iterdir()) < 1.5 * 4 * rollout
+
+
+def test_a_dry_run_asks_for_a_limit_where_an_episode_has_none(tmp_path, monkeypatch):
+    run = TrainingRun(settings(), tmp_path, backend="reference")
+    monkeypatch.setattr(gymnasium.spec(run.experiment.env_id), "max_episode_steps", None)
+    with pytest.raises(InputError, match="register it with max_episode_steps"):
+        plan.dry_run(run)
 
 
 def test_a_dry_run_refuses_what_does_not_fit_on_the_disk(tmp_path, monkeypatch):

@@ -74,7 +74,9 @@ def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
     assert process.wait() == 130
     train_all.save([run], project / "runs")
     assert sorted(path.name for path in train_all.unfinished(run).iterdir()) == [
-        *("best.safetensors", "generations.mcap", "state.safetensors")
+        "best.safetensors",
+        "generations.mcap",
+        "state.safetensors",
     ]
     train_all.train([run], project / "another place", cores=1)
     assert not train_all.unfinished(run).exists()

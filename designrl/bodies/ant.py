@@ -14,7 +14,7 @@ from designrl.design import DesignSpace
 ANT_LEGS = ("front left", "front right", "back left", "back right")
 ANT_PARTS = ("top", "middle", "bottom")  # of a leg
 _DIRECTIONS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
-_LEG = (*(0.2, 0.2), *(0.2, 0.2), *(0.4, 0.4), 0.08, 0.08, 0.08)  # m, signs left out
+_LEG = (0.2, 0.2, 0.2, 0.2, 0.4, 0.4, 0.08, 0.08, 0.08)  # m, signs left out
 
 TORSO_RADIUS = 0.25  # m
 TORSO_HEIGHT = 0.75  # m, of its centre at the start

@@ -75,8 +75,18 @@ class _Stepping(ctypes.Structure):
         *(
             (name, c_void_p)
             for name in (
-                *("designs", "reward_factors", "actions", "starts", "seeds", "observations"),
-                *("final_observations", "rewards", "terminated", "truncated", "terms", "failed"),
+                "designs",
+                "reward_factors",
+                "actions",
+                "starts",
+                "seeds",
+                "observations",
+                "final_observations",
+                "rewards",
+                "terminated",
+                "truncated",
+                "terms",
+                "failed",
             )
         ),
     ]
