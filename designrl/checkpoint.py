@@ -180,8 +180,7 @@ def describe(path: str | Path) -> str:
         f"{path}: checkpoint of {agent.experiment.name} "
         f"({agent.experiment.letter}, {agent.experiment.title})",
         f"sha256       {file_hash(path)}",
-        f"network      {'-'.join(map(str, agent.network.sizes))}, {agent.network.output} output"
-        + (", output noise" if agent.network.noise else ""),
+        f"network      {agent.network}",
         f"parameters   {len(agent.parameters)}",
     ]
     for key in ("source", "seed", "generation", "score", "score_episodes", "environment_steps"):

@@ -32,6 +32,10 @@ class Network:
     time_scale: float | None = None
     noise: bool = False
 
+    def __str__(self) -> str:
+        noise = ", output noise" if self.noise else ""
+        return f"{'-'.join(map(str, self.sizes))}, {self.output} output{noise}"
+
     @cached_property
     def num_weights(self) -> int:
         """How many weights and biases there are."""

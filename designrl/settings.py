@@ -1,6 +1,7 @@
 """All that decides a training run's result, as data; constant for a run."""
 
 import dataclasses
+import shlex
 import types
 import typing
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ _KINDS = {  # of a setting: what it may be, and what that is called
     str: (str, "a text"),
 }
 ADAM_ALONE = ("sigma_learning_rate", "sigma_change_max", "sigma_decay")  # not in the plain form
+# What older files do not have: they stay as they were, and are gone on with, where it is not set.
+LATER = ("init",)
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
 
@@ -131,6 +134,11 @@ class TrainSettings(ReinforceSettings):
     stop_score: float | None = _setting(
         None, "end the run when an evaluation has this mean, in points (default: never)"
     )
+    init: str | None = _setting(
+        None,
+        "start μ from this agent, a file or a name as `designrl evaluate` takes it (default: from "
+        "zeros); σ starts as set",
+    )
 
     @classmethod
     def of(cls, experiment: str | Experiment, recipe: str = "paper", **changes) -> "TrainSettings":
@@ -193,7 +201,8 @@ class TrainSettings(ReinforceSettings):
 
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""
-        return dataclasses.asdict(self)
+        found = dataclasses.asdict(self).items()
+        return {name: value for name, value in found if value is not None or name not in LATER}
 
     def command(self) -> str:
         """The shortest command that gives this run's result."""
@@ -211,4 +220,4 @@ def option(name: str, value) -> str:
     name = name.replace("_", "-")
     if isinstance(value, bool):
         return f"--{name}" if value else f"--no-{name}"
-    return f"--{name} {value}"
+    return f"--{name} {shlex.quote(str(value))}"

@@ -14,6 +14,7 @@ import os
 import platform
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,8 @@ from tqdm import tqdm
 from designrl import checkpoint
 from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
+from designrl.files import file_hash
+from designrl.names import find, load
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
 from designrl.recording import Generation, RunWriter, record_rollout
@@ -92,10 +95,12 @@ class TrainingRun:
         ray: "local" or the address of a Ray cluster, to simulate there instead.
         optimiser: one of your own, for as many candidates as `settings.population`; by default
             `Reinforce` with the settings.
+        on_generation: called with each `designrl.recording.Generation` when it is recorded. What
+            it raises ends the run, saved, after that generation.
 
     Raises:
         InputError: the folder holds a run and `resume` is not set; or holds another run, or one
-            with other settings, or is in use.
+            with other settings, or is in use; the settings' `init` cannot be used.
     """
 
     def __init__(
@@ -107,6 +112,7 @@ class TrainingRun:
         resume: bool = False,
         ray: str | None = None,
         optimiser: Optimiser | None = None,
+        on_generation: Callable[[Generation], None] | None = None,
     ):
         self.settings = settings
         self.experiment: Experiment = get_experiment(settings.experiment)
@@ -115,6 +121,8 @@ class TrainingRun:
         self.backend = backend
         self.ray = ray
         self._resume = resume
+        self._on_generation = on_generation
+        self._init_hash: str | None = None  # of the file that μ started from
         self.optimiser = optimiser or Reinforce(
             self.experiment.num_parameters, settings.population, settings, settings.seed
         )
@@ -136,7 +144,26 @@ class TrainingRun:
                 f"{self.out} holds results of a run but no state.safetensors to go on with; choose "
                 "another folder with --out"
             )
+        elif self.settings.init is not None:
+            self._start_from(find(self.settings.init))
         self._take_snapshot()
+
+    def _start_from(self, path: Path) -> None:
+        name, ours = self.experiment.name, self.experiment
+        agent = load(path, name if path.suffix == ".json" else None)
+        theirs = agent.experiment
+        if (theirs.body, theirs.learns_design) != (ours.body, ours.learns_design):
+            raise InputError(
+                f"{path} is of {theirs.name}, whose parameters are not those of {name}; name an "
+                "agent with the same body, learned or not as there"
+            )
+        if agent.network != ours.network:
+            raise InputError(
+                f"{path} has the network {agent.network}; {name} trains {ours.network}; name "
+                "another agent"
+            )
+        self._init_hash = file_hash(path)
+        self.optimiser.restore({**self.optimiser.state(), "mu": agent.parameters.copy()})
 
     @property
     def finished(self) -> bool:
@@ -190,8 +217,10 @@ class TrainingRun:
             saved_at = time.perf_counter()
             try:
                 while not self.finished:
-                    self._generation(simulator, recorder, bar)
+                    recorded = self._generation(simulator, recorder, bar)
                     self._take_snapshot()
+                    if self._on_generation:
+                        self._on_generation(recorded)
                     if time.perf_counter() - saved_at > SAVE_SECONDS or self.finished:
                         self._save_state(recorder)
                         saved_at = time.perf_counter()
@@ -203,7 +232,7 @@ class TrainingRun:
                     self._save_state(recorder)
                 raise
 
-    def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> None:
+    def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> Generation:
         start = time.perf_counter(), time.process_time()
         settings, optimiser, progress = self.settings, self.optimiser, self.progress
         index = progress.generation
@@ -224,19 +253,18 @@ class TrainingRun:
         progress.generation += 1
         steps = int(result.steps.sum())
         seconds = self._account(simulator, start, steps)
-        recorder.generation(
-            Generation(
-                index=index,
-                mu=before["mu"],
-                sigma=before["sigma"],
-                returns=result.returns,
-                steps=result.steps,
-                seeds=seeds,
-                total_steps=progress.total_steps,
-                seconds=progress.seconds,
-                cpu_seconds=progress.cpu_seconds,
-            )
+        recorded = Generation(
+            index=index,
+            mu=before["mu"],
+            sigma=before["sigma"],
+            returns=result.returns,
+            steps=result.steps,
+            seeds=seeds,
+            total_steps=progress.total_steps,
+            seconds=progress.seconds,
+            cpu_seconds=progress.cpu_seconds,
         )
+        recorder.generation(recorded)
         if progress.generation % settings.evaluate_every == 0 or self.finished:
             mean = optimiser.state()["mu"].round(CANDIDATE_DECIMALS)
             best = candidates[np.argmax(returns)]
@@ -248,6 +276,7 @@ class TrainingRun:
         )
         bar.set_postfix_str(self._status, refresh=False)
         bar.update()
+        return recorded
 
     _status = ""
 
@@ -289,7 +318,12 @@ class TrainingRun:
 
     def _agent(self, parameters: np.ndarray, **about) -> Agent:
         about |= {"seed": self.settings.seed, "generation": self.progress.generation}
+        about |= self._init_about
         return Agent(self.experiment, parameters, metadata={**about, "versions": versions()})
+
+    @property
+    def _init_about(self) -> dict[str, str]:
+        return {"init_sha256": self._init_hash} if self._init_hash else {}
 
     def _rollout(self, simulator: Simulator, candidates, seeds, shaped=False, progress=None):
         try:
@@ -318,6 +352,7 @@ class TrainingRun:
             "experiment": self.experiment.name,
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
+            **self._init_about,
             # Not in the checkpoint: its bytes stay those of any code that computes the same.
             "versions": json.dumps({**versions(), "sources": sources_hash()}, sort_keys=True),
             "host": f"{platform.system()} {processor()}, {os.cpu_count()} cores",
@@ -331,6 +366,7 @@ class TrainingRun:
         metadata = {
             "experiment": self.experiment.name,
             "settings": self.settings.as_dict(),
+            **self._init_about,
             "progress": dataclasses.asdict(self.progress),
             "versions": versions(),
         }
@@ -347,7 +383,7 @@ class TrainingRun:
         tensors, metadata = checkpoint.read_tensors(self._folder.state, checkpoint.STATE_FORMAT)
         damaged = InputError(f"{self._folder.state} is damaged; start again in another folder")
         try:
-            for name, ours in self.settings.as_dict().items():
+            for name, ours in vars(self.settings).items():
                 theirs = metadata["settings"].get(name)
                 if theirs != ours and not (name == "generations" and theirs < ours):
                     raise InputError(
@@ -366,7 +402,7 @@ class TrainingRun:
         except InputError as error:
             raise InputError(f"{self._folder.state} cannot be used: {error}") from None
         self._check_best(progress)
-        self.progress = progress
+        self.progress, self._init_hash = progress, metadata.get("init_sha256")
 
     def _check_best(self, progress: _Progress) -> None:
         """The kept agent is this run's, and not older than the state."""
