@@ -16,8 +16,8 @@ import pytest
 from designrl import author, cli, plan, simulation
 from designrl import train as train_module
 from designrl.author import load_author
-from designrl.bodies.walker import leg_area_reward_factor
 from designrl.checkpoint import STATE_FORMAT, describe, load, read_tensors, save, write_tensors
+from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
