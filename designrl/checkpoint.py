@@ -188,6 +188,8 @@ def describe(path: str | Path) -> str:
             lines.append(f"{key.split('_')[-1]:12} {m[key]}")
     if agent.experiment.training_kwargs.get("leg_area_reward"):
         lines.append("             (the score includes the factor for smaller legs)")
+    if isinstance(m.get("settings"), dict) and m["settings"].get("reward_weights"):
+        lines.append("             (the score is that of the settings' reward_weights)")
     for label in ("settings", "versions"):
         if isinstance(m.get(label), dict):
             values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)

@@ -66,6 +66,29 @@ def _agent_file(sub) -> None:
     sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
 
 
+def _reward_weights(sub) -> None:
+    sub.add_argument(
+        "--reward-weight",
+        action="append",
+        metavar="TERM=X",
+        help="multiply a term of the reward, as energy=2.0; several are allowed (default: 1 each)",
+    )
+
+
+def _weights_of(args) -> dict[str, float] | None:
+    """What --reward-weight says."""
+    named = {}
+    for text in args.reward_weight or ():
+        name, _, weight = text.rpartition("=")
+        try:
+            named[name.strip()] = float(weight)
+        except ValueError:
+            raise InputError(
+                f"--reward-weight {text!r} is no term and its weight, as energy=2.0"
+            ) from None
+    return named or None
+
+
 def _require_suffix(path: str, suffix: str) -> None:
     if Path(path).suffix != suffix:
         raise InputError(f"{path} would not be opened as what it is; give it a name in {suffix}")
@@ -103,6 +126,7 @@ def _add_experiments(commands) -> None:
 def settings_of(args) -> TrainSettings:
     """The settings that the arguments of `designrl train` mean."""
     names = [f.name for f in dataclasses.fields(TrainSettings) if f.name != "experiment"]
+    args.reward_weights = _weights_of(args)
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return TrainSettings.of(args.experiment, args.recipe, **given)
 
@@ -162,6 +186,9 @@ def _add_train(commands) -> None:
     for setting in dataclasses.fields(TrainSettings):
         if setting.name == "experiment":
             continue
+        if setting.name == "reward_weights":
+            _reward_weights(train)
+            continue
         hint = typing.get_type_hints(TrainSettings)[setting.name]
         kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
         how = {"type": kind, "metavar": "X"}
@@ -196,7 +223,7 @@ def _evaluate(args) -> None:
 
     if args.output:
         check_target(args.output)
-    agent = load(args.file, args.experiment)
+    agent, weights = load(args.file, args.experiment), _weights_of(args)
     with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
         result = evaluate(
             agent,
@@ -206,6 +233,7 @@ def _evaluate(args) -> None:
             args.backend,
             progress=bar.update,
             **({"lidar": args.lidar} if args.lidar else {}),
+            **({"reward_weights": weights} if weights else {}),
         )
     summary = result.summary()
     if args.output:
@@ -217,6 +245,7 @@ def _evaluate(args) -> None:
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
+        + (f", {option('reward_weights', weights)}" if weights else "")
     )
 
 
@@ -230,6 +259,7 @@ def _add_evaluate(commands) -> None:
     evaluate.add_argument(
         "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
     )
+    _reward_weights(evaluate)
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     _workers(evaluate, evaluate)
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Integral
 from pathlib import Path
 
@@ -27,6 +27,7 @@ class Evaluation:
         design: (D,) scales of the body, or None where it is the original.
         seconds: wall time.
         backend: that played them, "engine" or "reference".
+        reward_weights: of reward terms that did not count as 1.
     """
 
     experiment: str
@@ -36,6 +37,7 @@ class Evaluation:
     design: np.ndarray | None
     seconds: float
     backend: str = "reference"
+    reward_weights: dict[str, float] = field(default_factory=dict)
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
@@ -53,6 +55,7 @@ class Evaluation:
             "design": None if self.design is None else self.design.tolist(),
             "seconds": self.seconds,
             "backend": self.backend,
+            **({"reward_weights": self.reward_weights} if self.reward_weights else {}),
         }
 
     def table(self) -> dict[str, np.ndarray]:
@@ -123,4 +126,5 @@ def evaluate(
         agent.design,
         time.perf_counter() - start,
         simulator.backend,
+        reward_weights=dict(env_kwargs.get("reward_weights") or {}),
     )

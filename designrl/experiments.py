@@ -61,6 +61,14 @@ class Shaping:
     solved_return: float = 300.0
     solved_bonus: float = 100.0
 
+    def check(self, reward_weights: Mapping | None) -> None:
+        """Raise InputError where a weight is that of the term that costs nothing."""
+        if self.free_term in (reward_weights or {}):
+            raise InputError(
+                f"with shaped rewards a {self.free_term} costs nothing; leave its weight out, or "
+                "turn them off with --no-shaped-rewards"
+            )
+
 
 @dataclass(frozen=True)
 class Experiment:

@@ -93,7 +93,8 @@ class Simulator(AbstractContextManager):
         workers: processes (reference) or threads (engine), at least 1.
         ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
             has no meaning then.
-        env_kwargs: keywords of the environment, `lidar="v3"` for instance.
+        env_kwargs: keywords of the environment, `lidar="v3"` or `reward_weights={"energy": 2.0}`
+            for instance.
 
     Attributes:
         backend: that runs.
@@ -178,6 +179,8 @@ class Simulator(AbstractContextManager):
         candidates, seeds = self._checked(candidates, seeds)
         kwargs = {**(self.experiment.training_kwargs if training else {}), **self._env_kwargs}
         shaping = self.experiment.shaping if shaped else None
+        if shaping:
+            shaping.check(self._env_kwargs.get("reward_weights"))
         episodes = Episodes(self.experiment, self.network, kwargs, shaping)
         result = self._run(episodes, candidates, seeds, progress)
         finite = np.isfinite(result.returns).all(axis=1)

@@ -178,7 +178,12 @@ class TrainingRun:
 
     def simulator(self) -> Simulator:
         """What simulates them, where this run is to be executed."""
-        return Simulator(self.experiment, self.backend, workers=self.workers, ray=self.ray)
+        kwargs, weights = {}, self.settings.reward_weights
+        if weights:  # an environment of one's own need not take any
+            kwargs["reward_weights"] = weights
+        return Simulator(
+            self.experiment, self.backend, workers=self.workers, ray=self.ray, **kwargs
+        )
 
     def run(self) -> None:
         """Train to the last generation.
@@ -283,7 +288,8 @@ class TrainingRun:
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
         """Score an agent as the published runs did; keep it if it is the best so far.
 
-        With the environment's rewards, and the factor for smaller legs where training has it.
+        With the environment's rewards, and where training has them the factor for smaller legs and
+        the weights of the rewards' terms.
         """
         start = time.perf_counter(), time.process_time()
         settings, progress = self.settings, self.progress
@@ -311,7 +317,8 @@ class TrainingRun:
             seeds=seeds[0],
             kept=kept,
         )
-        record_rollout(agent, self._folder.rollout(generation), 0)
+        weights = settings.reward_weights
+        record_rollout(agent, self._folder.rollout(generation), 0, reward_weights=weights)
         if kept:
             progress.best_score, progress.best_generation = score, generation
             checkpoint.save(agent, self._folder.best)

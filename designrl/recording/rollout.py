@@ -31,7 +31,7 @@ class RolloutWriter:
         path: the file.
         env: an environment with a `designrl.bodies.Body` as its `body`, already reset.
         metadata: what to say of the rollout; "experiment", the name of one with this body, is what
-            `designrl replay` knows the body by.
+            `designrl replay` knows the body by. The environment's reward weights are added.
 
     Attributes:
         score: sum of the rewards so far.
@@ -46,6 +46,8 @@ class RolloutWriter:
         self._parent_indices = [parts.index(p) for p in list(self._body.tree.values())[1:]]
         self._step, self._shown_at, self.score = 0, None, 0.0
         self._file = McapFile(path)
+        if weights := getattr(self._env, "reward_weights", None):
+            metadata = {**metadata, "reward_weights": weights}
         self._file.metadata(ROLLOUT, metadata)  # first, so that a file that was cut has it
         robot = "/robot_description"
         self._file.add_channel(robot, "std_msgs/msg/String", "ros2msg", b"string data\n", {})
@@ -137,7 +139,9 @@ def _caption(metadata: dict) -> str:
     return "\n".join(["designrl rollout", *lines])
 
 
-def record_rollout(agent, path: str | Path, seed: int, steps: int | None = None) -> float:
+def record_rollout(
+    agent, path: str | Path, seed: int, steps: int | None = None, reward_weights=None
+) -> float:
     """Roll an agent out once, in its own body, and record that.
 
     Args:
@@ -146,15 +150,17 @@ def record_rollout(agent, path: str | Path, seed: int, steps: int | None = None)
         seed: of the environment and of the policy's noise; `designrl.evaluation.episode_seeds`
             has those of an evaluation.
         steps: how many to record at most; None: the whole episode.
+        reward_weights: of the environment's reward terms, as it takes them.
 
-    Returns: the score of what is recorded, without any training-time change of the reward.
+    Returns: the score of what is recorded, without any other training-time change of the reward.
 
     Raises:
-        InputError: the seed is no whole number from 0 on.
+        InputError: the seed is no whole number from 0 on; weights that the environment refuses.
         RecordingError: the file cannot be written.
     """
     seed = whole_number("the seed", seed, 0)
-    env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
+    kwargs = {"reward_weights": reward_weights} if reward_weights else {}
+    env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True, **kwargs)
     design = agent.experiment.body.design
     about = {
         "experiment": agent.experiment.name,
