@@ -382,6 +382,52 @@ def test_a_resumed_run_may_have_more_generations(tmp_path):
     assert (np.diff(recording.array("/summary", "cpu_seconds")) > 0).all()
 
 
+def test_a_run_has_its_reward_weights_in_its_evaluations_its_checkpoint_and_its_recordings(
+    tmp_path,
+):
+    weights = {"posture": 0.5, "energy": 2.0}
+    run = train(tmp_path, generations=2, shaped_rewards=False, reward_weights=weights)
+    agent = load(tmp_path / "best.safetensors")
+    assert agent.metadata["settings"]["reward_weights"] == weights
+    assert "score is that of the settings' reward_weights" in describe(
+        tmp_path / "best.safetensors"
+    )
+    recording = read(tmp_path / "generations.mcap")
+    assert recording.about("settings")["reward_weights"] == weights
+    [evaluation] = recording.messages("/evaluation")
+    with Simulator("biped-morphology", reward_weights=weights) as simulator:
+        again = simulator.rollout(agent.parameters[None], np.array([list(evaluation.seeds)]))
+        candidates = TrainingRun(run.settings, tmp_path / "again").candidates()
+        returns = simulator.rollout(candidates, training_seeds(run.settings, 0)).returns
+    np.testing.assert_array_equal(again.returns[0], evaluation.scores)
+    np.testing.assert_array_equal(recording.messages("/returns")[0].returns, returns.ravel())
+    rollout = read(next((tmp_path / "rollouts").iterdir()))
+    assert rollout.about("reward_weights") == weights
+    with pytest.raises(InputError, match="with reward_weights = .*'energy': 2.0.*, not None"):
+        train(tmp_path, resume=True, generations=3, shaped_rewards=False)
+
+
+def test_the_command_has_each_reward_weight_and_those_of_one_are_none():
+    ours = settings("ant", reward_weights={"stall": 0.0, "progress": np.float32(1.5)})
+    assert ours.command().endswith("--reward-weight progress=1.5 --reward-weight stall=0.0")
+    assert cli.settings_of(cli.parser().parse_args(ours.command().split()[1:])) == ours
+    assert settings("ant", reward_weights={"stall": 1}) == settings("ant")
+    assert "reward_weights" not in settings("ant").as_dict()
+
+
+@pytest.mark.parametrize(
+    ("name", "weights", "words"),
+    [
+        ("ant", {"energy": 2.0}, "no reward term 'energy'; there are alive, progress, electricity"),
+        ("biped", {"fall": 0.5}, "a fall costs nothing; .* --no-shaped-rewards"),
+        ("biped", [2.0], "reward-weights is .* must be a mapping"),
+    ],
+)
+def test_reward_weights_that_do_not_fit_are_refused(name, weights, words):
+    with pytest.raises(InputError, match=words):
+        settings(name, shaped_rewards=name == "biped", reward_weights=weights)
+
+
 def agent_file(path):
     """An agent of biped-morphology with random parameters, saved there."""
     parameters = np.random.default_rng(0).normal(0, 0.3, 2812)
