@@ -132,11 +132,9 @@ def test_weighted_terms_add_up_to_the_reward_and_a_copy_has_them(env_id):
 
 
 def test_weights_of_one_change_no_bit_of_the_reward(env_id):
-    plain, ones = (
-        make(env_id),
-        make(env_id, reward_weights=dict.fromkeys(WORLDS[env_id].reward_terms, 1)),
-    )
-    assert trajectory(plain, 3).tobytes() == trajectory(ones, 3).tobytes()
+    ones = dict.fromkeys(WORLDS[env_id].reward_terms, 1)
+    plain, weighted = make(env_id), make(env_id, reward_weights=ones)
+    assert trajectory(plain, 3).tobytes() == trajectory(weighted, 3).tobytes()
 
 
 @pytest.mark.parametrize(
