@@ -10,6 +10,7 @@ import sys
 import typing
 from pathlib import Path
 
+from designrl.design import in_words
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import is_locked, read_limited, require_new
@@ -66,26 +67,52 @@ def _agent_file(sub) -> None:
     sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
 
 
+def _design(sub) -> None:
+    sub.add_argument(
+        "--design",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=SCALE",
+        help="change the agent's body, in scales of the original size: "
+        '"bottom leg 2 height=0.6"; several are allowed',
+    )
+
+
+def _design_of(args) -> dict[str, float] | None:
+    """What --design says, for `Agent.body_with`."""
+    return _numbers(
+        args.design, '--design {} is no dimension and its scale; as "bottom leg 2 height=0.6"'
+    )
+
+
 def _reward_weights(sub) -> None:
     sub.add_argument(
         "--reward-weight",
-        action="append",
+        nargs="+",
+        action="extend",
+        default=[],
         metavar="TERM=X",
-        help="multiply a term of the reward, as energy=2.0; several are allowed (default: 1 each)",
+        help="multiply a term of the reward: energy=2.0; several are allowed (default: 1 each)",
     )
 
 
 def _weights_of(args) -> dict[str, float] | None:
     """What --reward-weight says."""
+    return _numbers(
+        args.reward_weight, "--reward-weight {} is no term and its weight, as energy=2.0"
+    )
+
+
+def _numbers(texts: list[str], wrong: str) -> dict[str, float] | None:
+    """Texts like "energy=2.0" as a dict; None where there are none."""
     named = {}
-    for text in args.reward_weight or ():
-        name, _, weight = text.rpartition("=")
+    for text in texts:
+        name, _, number = text.rpartition("=")
         try:
-            named[name.strip()] = float(weight)
+            named[name.strip()] = float(number)
         except ValueError:
-            raise InputError(
-                f"--reward-weight {text!r} is no term and its weight, as energy=2.0"
-            ) from None
+            raise InputError(wrong.format(repr(text))) from None
     return named or None
 
 
@@ -232,6 +259,7 @@ def _evaluate(args) -> None:
             args.workers,
             args.backend,
             progress=bar.update,
+            design=_design_of(args),
             **({"lidar": args.lidar} if args.lidar else {}),
             **({"reward_weights": weights} if weights else {}),
         )
@@ -245,6 +273,7 @@ def _evaluate(args) -> None:
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
+        + (f"; not in its own body: {in_words(result.changed)}" if result.changed else "")
         + (f", {option('reward_weights', weights)}" if weights else "")
     )
 
@@ -260,6 +289,7 @@ def _add_evaluate(commands) -> None:
         "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
     )
     _reward_weights(evaluate)
+    _design(evaluate)
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     _workers(evaluate, evaluate)
 
@@ -300,19 +330,19 @@ def _record(args) -> None:
         from designrl.video import check_target, record_video
 
         check_target(args.video)
-    agent = load(args.file, args.experiment)
+    agent, design = load(args.file, args.experiment), _design_of(args)
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     if args.output:
         from designrl.recording import record_rollout
 
-        score = record_rollout(agent, args.output, seed)
+        score = record_rollout(agent, args.output, seed, design=design)
         said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
         print(printable(said))
     if args.video:
         from tqdm import tqdm
 
         with tqdm(unit="picture", leave=False, disable=None) as bar:
-            score = record_video(agent, args.video, seed, bar.update)
+            score = record_video(agent, args.video, seed, bar.update, design)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
 
 
@@ -323,6 +353,7 @@ def _add_record(commands) -> None:
     _agent_file(record)
     record.add_argument("-o", "--output", metavar="FILE.mcap")
     record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
+    _design(record)
     record.add_argument(
         "--episode",
         type=int,

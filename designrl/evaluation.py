@@ -27,6 +27,7 @@ class Evaluation:
         design: (D,) scales of the body, or None where it is the original.
         seconds: wall time.
         backend: that played them, "engine" or "reference".
+        changed: names of the dimensions in which that body is not the agent's own -> their scales.
         reward_weights: of reward terms that did not count as 1.
     """
 
@@ -37,6 +38,7 @@ class Evaluation:
     design: np.ndarray | None
     seconds: float
     backend: str = "reference"
+    changed: dict[str, float] = field(default_factory=dict)
     reward_weights: dict[str, float] = field(default_factory=dict)
 
     def summary(self) -> dict:
@@ -53,6 +55,7 @@ class Evaluation:
             "steps": int(self.steps.sum()),
             "lengths": self.steps.tolist(),
             "design": None if self.design is None else self.design.tolist(),
+            "changed": self.changed,
             "seconds": self.seconds,
             "backend": self.backend,
             **({"reward_weights": self.reward_weights} if self.reward_weights else {}),
@@ -91,6 +94,7 @@ def evaluate(
     workers: int = 1,
     backend: str = "engine",
     progress: Callable[[int], None] | None = None,
+    design=None,
     **env_kwargs,
 ) -> Evaluation:
     """Score an agent over `episodes` episodes; the paper's scores are over 100.
@@ -103,9 +107,11 @@ def evaluate(
             the usual `if __name__ == "__main__":`.
         backend, env_kwargs: as in `Simulator`.
         progress: called with the number of episodes that have ended since its last call.
+        design: the body to walk with, as `Agent.body_with` takes it; None: the agent's own.
 
     Raises:
-        InputError: episodes, seed, workers or backend out of range, or no agent.
+        InputError: episodes, seed, workers or backend out of range, no agent, or no design of its
+            body.
     """
     check_episodes(episodes, seed)
     episodes, seed = int(episodes), int(seed)
@@ -113,18 +119,23 @@ def evaluate(
         agent = load(agent)
     if not isinstance(agent, Agent):
         raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
+    scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()
     with Simulator(agent.experiment, backend, agent.network, workers, **env_kwargs) as simulator:
         result = simulator.rollout(
-            agent.parameters[None], episode_seeds(seed, episodes)[None], progress=progress
+            agent.parameters[None],
+            episode_seeds(seed, episodes)[None],
+            progress=progress,
+            design=scales,
         )
     return Evaluation(
         agent.experiment.name,
         seed,
         result.returns[0],
         result.steps[0],
-        agent.design,
+        agent.design if scales is None else scales,
         time.perf_counter() - start,
         simulator.backend,
+        {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
         reward_weights=dict(env_kwargs.get("reward_weights") or {}),
     )

@@ -205,7 +205,8 @@ class Walker(HasDesign, BipedalWalker):
             self, design, lidar, leg_area_reward, hardcore, self.reward_weights, render_mode
         )
         self.leg_area_reward = leg_area_reward
-        self.design = np.ones(WALKER.design.size) if design is None else design
+        self._take_design(np.ones(WALKER.design.size) if design is None else design)
+        self.given_design = None if design is None else self.design
 
         self.observation_space, self.action_space = walker_spaces()
 
