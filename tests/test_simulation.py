@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from designrl.bodies.walker import leg_area_reward_factor
+from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import PUBLISHED_ANT_NETWORK, get_experiment
