@@ -214,7 +214,8 @@ class Ant(HasDesign, gymnasium.Env):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode
-        self.design = np.ones(ANT.design.size) if design is None else design
+        self._take_design(np.ones(ANT.design.size) if design is None else design)
+        self.given_design = None if design is None else self.design
         self.observation_space, self.action_space = ant_spaces()
         self._loaded: np.ndarray | None = None  # the design that the Bullet world holds
 

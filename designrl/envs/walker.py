@@ -192,7 +192,8 @@ class Walker(HasDesign, BipedalWalker):
         super().__init__(render_mode=render_mode, hardcore=hardcore)
         EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
         self.leg_area_reward = leg_area_reward
-        self.design = np.ones(WALKER.design.size) if design is None else design
+        self._take_design(np.ones(WALKER.design.size) if design is None else design)
+        self.given_design = None if design is None else self.design
 
         self.observation_space, self.action_space = walker_spaces()
 
