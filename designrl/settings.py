@@ -202,10 +202,9 @@ class TrainSettings(ReinforceSettings):
     def _check_weights(self, experiment: Experiment) -> None:
         if self.reward_weights is None:
             return
-        world = WORLDS.get(experiment.env_id)  # an environment of one's own looks at its weights
-        weights = dict(self.reward_weights)
-        if world:
-            weights = checked_weights(weights, world.reward_terms)
+        world = WORLDS.get(experiment.env_id)  # an environment of one's own knows its terms itself
+        terms = world.reward_terms if world else tuple(self.reward_weights)
+        weights = checked_weights(self.reward_weights, terms)
         if self.shaped_rewards:
             experiment.shaping.check(weights)
         object.__setattr__(self, "reward_weights", weights or None)
