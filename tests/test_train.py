@@ -612,10 +612,10 @@ def test_a_refused_run_leaves_its_folder_to_the_next_one(tmp_path):
 
 
 def test_a_candidate_that_cannot_be_simulated_stops_the_run_and_is_kept(tmp_path, monkeypatch):
-    def break_down(env, agent, seed, shaping):
+    def break_down(env, agent, seed, *others):
         if seed == bad:
             raise RuntimeError("the simulator is broken")
-        return original(env, agent, seed, shaping)
+        return original(env, agent, seed, *others)
 
     original = simulation.run_episode
     bad = training_seeds(settings(), 2)[1, 0]
