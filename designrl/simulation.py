@@ -22,7 +22,9 @@ import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from designrl import engine, envs
+from designrl import engine
+from designrl.envs import tasks
+from designrl.envs.tasks import EngineTask, engine_task
 from designrl.errors import InputError
 from designrl.experiments import PAPERS, Experiment, Network, Shaping, get_experiment
 from designrl.numeric import real_numbers, whole_numbers
@@ -134,12 +136,12 @@ class Simulator(AbstractContextManager):
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
                 raise InputError(f"{self.experiment.name} has no {unknown[0]}; leave it out")
         kwargs = {**self.experiment.training_kwargs, **env_kwargs}
-        if envs.engine_task(self.experiment.env_id, **kwargs) is None:  # or refuses a value
-            backend = "reference"
-        if backend == "engine" and (reason := engine_reason(self.experiment, self.network)):
+        task = engine_task(self.experiment.env_id, **kwargs)  # or refuses a value
+        asked = backend == "engine"
+        reason = engine_reason(task, self.experiment, self.network) if asked else ""
+        if reason:
             print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
-            backend = "reference"
-        self.backend = backend
+        self.backend = backend = "engine" if reason is None else "reference"
         self._pool = None
         if ray is not None:
             self._pool = RayWorkers(ray)
@@ -347,14 +349,21 @@ def check_world(experiment: Experiment, network: Network) -> None:
         )
 
 
-def engine_reason(experiment: Experiment, network: Network) -> str | None:
-    """Why the engine cannot run an experiment here, as a clause; None if it can."""
-    reason = engine.missing_reason()
-    if not reason and max(network.sizes) > engine.widest_layer():
-        reason = f"the compiled engine has layers of at most {engine.widest_layer()} values"
-    if not reason and experiment.shaping not in (None, Shaping()):
-        reason = "the compiled engine has the published code's shaped rewards alone"
-    return reason or envs.engine_reason(experiment.env_id)
+def engine_reason(task: EngineTask | None, experiment: Experiment, network: Network) -> str | None:
+    """Why the engine cannot run an experiment here, as a clause; None if it can.
+
+    Args:
+        task: `engine_task` of its environment; without one nothing is amiss, and the clause empty.
+    """
+    if task is None:
+        return ""
+    if reason := engine.missing_reason():
+        return reason
+    if max(network.sizes) > engine.widest_layer():
+        return f"the compiled engine has layers of at most {engine.widest_layer()} values"
+    if experiment.shaping not in (None, Shaping()):
+        return "the compiled engine has the published code's shaped rewards alone"
+    return tasks.engine_reason(experiment.env_id)
 
 
 def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
@@ -363,10 +372,11 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
     Args:
         options: `threads`, `progress` and others of `designrl.engine.rollout`.
     """
-    if engine_reason(episodes.experiment, episodes.network):
-        return run_reference(episodes, candidates, seeds)
     experiment, network = episodes.experiment, episodes.network
-    task, reward_factor = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
+    found = engine_task(experiment.env_id, **episodes.env_kwargs)
+    if engine_reason(found, experiment, network) is not None:
+        return run_reference(episodes, candidates, seeds)
+    task, reward_factor = found
     own, rest = np.split(candidates, [network.num_parameters], axis=1)
     weights, log_stds = np.split(own, [network.num_weights], axis=1)
     scales = np.ones((len(seeds), experiment.body.design.size))

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from designrl.bodies.ant import ANT
-from designrl.bodies.walker import WALKER, leg_area, leg_area_reward_factor
+from designrl.bodies.walker import WALKER, leg_area
+from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
 from reproduce.scores import paper
 

@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from designrl.bodies.walker import leg_area_reward_factor
+from designrl.envs.tasks import leg_area_reward_factor
 from designrl.envs.walker import Walker
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate

@@ -14,8 +14,8 @@ import pytest
 
 from designrl import cli, plan, simulation
 from designrl import train as train_module
-from designrl.bodies.walker import leg_area_reward_factor
 from designrl.checkpoint import STATE_FORMAT, describe, load, read_tensors, write_tensors
+from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash

@@ -26,10 +26,9 @@ from designrl.bodies.ant import (
     leg_capsules,
     mjcf,
 )
-from designrl.engine import Task
-from designrl.envs import engine_reason
+from designrl.envs import tasks
 from designrl.envs.inputs import HasDesign
-from designrl.envs.vector import EngineVectorEnv, no_engine
+from designrl.envs.vector import EngineVectorEnv
 from designrl.errors import InputError
 
 
@@ -476,8 +475,5 @@ class VectorAnt(EngineVectorEnv, VectorEnv):
         InputError: the engine has not the bits of the PyBullet that is installed.
     """
 
-    def __init__(self, num_envs: int = 1, max_episode_steps: int = -1, **kwargs):
-        if reason := engine_reason("designrl/Ant-v0"):
-            raise no_engine(reason)
-        task = Task("ant", (), max_episode_steps)
-        super().__init__(task, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)
+    def __init__(self, num_envs: int = 1, **kwargs):
+        super().__init__(tasks.ANT, {}, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)
