@@ -94,6 +94,17 @@ class Experiment:
         """The dimensions that it learns; None where the body is fixed."""
         return self.body.design if self.learns_design else None
 
+    def space(self, limits: Mapping | None) -> DesignSpace:
+        """The body's dimensions with `DesignSpace.limits`, as files have them; none: its own.
+
+        Raises:
+            InputError: they are no limits.
+        """
+        try:
+            return replace(self.body.design, limit=None, **limits) if limits else self.body.design
+        except TypeError:
+            raise InputError(f"the limits of its body are {limits}, which are none") from None
+
     @property
     def networks(self) -> tuple[Network, ...]:
         """Networks that its agents may have."""
