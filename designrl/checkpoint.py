@@ -199,7 +199,7 @@ def describe(path: str | Path) -> str:
     if agent.design is not None:
         space = agent.space
         if "limits" in m:
-            lines.append(f"limits       scales of the design: {m['limits']}")
+            lines.append(f"limits       {space.in_words}")
         lines.append(f"design       in % of the original, and in {space.unit}")
         rows = zip(space.names, agent.design, space.dimensions(agent.design), strict=True)
         for name, scale, size in rows:

@@ -92,6 +92,12 @@ class DesignSpace:
         each = [x.tolist() if np.ptp(x) else float(x[0]) for x in (self.low, self.high)]
         return {"form": self.form, "bounds": each}
 
+    @property
+    def in_words(self) -> str:
+        """The limits: "0.25 to 1.75 times the original, bounded"."""
+        low, high = self.limits["bounds"]
+        return f"{low} to {high} times the original, {self.form}"
+
     def scales(self, parameters: np.ndarray) -> np.ndarray:
         """Bounded scales of unbounded parameters, of any shape (..., D)."""
         p = np.asarray(parameters, dtype=np.float64)

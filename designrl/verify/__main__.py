@@ -4,8 +4,8 @@
     python -m designrl.verify --episodes 200 --steps 5000 --seed 5
 
 Each episode is run in the Gymnasium environment and in the engine (`designrl.verify.episodes`); a
-third are ants' episodes, and of a third there is one more, on a body of other limits. Then the vector environments run beside SyncVectorEnv over single ones
-(`designrl.verify.vector`).
+third are ants' episodes, and a third of all is run again on bodies of other limits. Then the vector
+environments run beside SyncVectorEnv over single ones (`designrl.verify.vector`).
 """
 
 import argparse
@@ -18,7 +18,7 @@ from functools import partial
 from tqdm import tqdm
 
 from designrl import author, engine
-from designrl.design import DesignSpace
+from designrl.experiments import get_experiment
 from designrl.provenance import core_count
 from designrl.verify.episodes import (
     compare,
@@ -58,12 +58,12 @@ def main(arguments: list[str] | None = None) -> int:
         for case, (length, found) in zip(tqdm(cases, unit="episode"), results, strict=True):
             steps += length
             kind = "random" if case.kind == "random" else "trained"
-            limits = "the paper's limits" if case.space is None else in_words(case.space)
-            counts[kind, case.experiment, limits] += 1
+            space = case.space or get_experiment(case.experiment).body.design
+            counts[kind, case.experiment, space.in_words] += 1
             if found:
                 differences.append((case, found))
     for (kind, experiment, limits), count in sorted(counts.items()):
-        print(f"{count:6d} episodes, {kind} policies, {experiment}, {limits}")
+        print(f"{count:6d} episodes, {kind} policies, {experiment}, bodies {limits}")
     print(
         f"{len(cases)} episodes, {steps} steps ({isa}): "
         f"{len(cases) - len(differences)} equal in every bit, {len(differences)} different"
@@ -72,12 +72,6 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"DIFFERENT {found}\n    {replace(case, parameters=None)}", file=sys.stderr)
     wrong = verify_vectors(options.steps, options.seed, options.workers)
     return 1 if differences or wrong else 0
-
-
-def in_words(space: DesignSpace) -> str:
-    """Limits of a body."""
-    low, high = space.limits["bounds"]
-    return f"{space.form} {low} to {high}"
 
 
 def verify_vectors(steps: int, seed: int, workers: int) -> int:
