@@ -11,7 +11,7 @@ from designrl.bodies.walker import WALKER, leg_area
 from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
-from reproduce.scores import paper
+from reproduce.paths import paper
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=8, max_size=8))
