@@ -100,9 +100,12 @@ class Experiment:
         Raises:
             InputError: they are no limits.
         """
+        if not limits:
+            return self.body.design
         try:
-            return replace(self.body.design, limit=None, **limits) if limits else self.body.design
-        except TypeError:
+            form, bounds = limits["form"], limits["bounds"]
+            return replace(self.body.design, limit=None, form=form, bounds=bounds)
+        except (KeyError, TypeError):
             raise InputError(f"the limits of its body are {limits}, which are none") from None
 
     @property
