@@ -5,9 +5,10 @@ import shlex
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 
+from designrl.design import DesignSpace
 from designrl.envs.tasks import WORLDS, checked_weights
 from designrl.errors import InputError
 from designrl.experiments import OLD_NAMES, RECIPES, Experiment, get_experiment, register
@@ -19,9 +20,9 @@ _KINDS = {  # of a setting: what it may be, and what that is called
     str: (str, "a text"),
     dict: (Mapping, "a mapping from reward terms to numbers"),
 }
-ADAM_ALONE = ("sigma_learning_rate", "sigma_change_max", "sigma_decay")  # not in the plain form
 # What older files do not have: they stay as they were, and are gone on with, where it is not set.
-LATER = ("init", "reward_weights")
+LATER = ("design_limit", "design_form", "init", "reward_weights")
+ADAM_ALONE = ("sigma_learning_rate", "sigma_change_max", "sigma_decay")  # not in the plain form
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
 
@@ -147,6 +148,17 @@ class TrainSettings(ReinforceSettings):
         "start μ from this agent, a file or a name as `designrl evaluate` takes it (default: from "
         "zeros); σ starts as set",
     )
+    design_limit: float | None = _setting(
+        None,
+        "how far a learned body's dimension may go from its original size: ± so much of it "
+        "(default: 0.75, the paper's); with lognormal ones, times or divided by so much "
+        "(default: 4)",
+    )
+    design_form: str | None = _setting(
+        None,
+        "of a learned body's scales: bounded, 1 ± limit × tanh(p) (default, the paper's), or "
+        "lognormal, exp(p) between 1 / limit and limit",
+    )
 
     @classmethod
     def of(cls, experiment: str | Experiment, recipe: str = "paper", **changes) -> "TrainSettings":
@@ -177,6 +189,9 @@ class TrainSettings(ReinforceSettings):
         if self.shaped_rewards and experiment.shaping is None:
             raise InputError(f"{experiment.name} has no shaped rewards; leave out shaped-rewards")
         self._check_weights(experiment)
+        if experiment.design is None and (self.design_limit, self.design_form) != (None, None):
+            raise InputError(f"{experiment.name} learns no body; leave out its limit and its form")
+        self.space  # noqa: B018 (refuses other limits)
         self._check("seed", 0)
         for name in ("generations", "population", "rollouts", "evaluate_every"):
             self._check(name, 1)
@@ -222,6 +237,15 @@ class TrainSettings(ReinforceSettings):
         """JSON-ready, the same after a round trip."""
         found = dataclasses.asdict(self).items()
         return {name: value for name, value in found if value is not None or name not in LATER}
+
+    @property
+    def space(self) -> DesignSpace:
+        """The body's dimensions with their limits."""
+        own = get_experiment(self.experiment).body.design
+        if (self.design_limit, self.design_form) == (None, None):
+            return own
+        form = self.design_form or own.form
+        return replace(own, limit=self.design_limit, form=form, bounds=None)
 
     def command(self) -> str:
         """The shortest command that gives this run's result."""

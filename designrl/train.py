@@ -162,6 +162,12 @@ class TrainingRun:
                 f"{path} has the network {agent.network}; {name} trains {ours.network}; name "
                 "another agent"
             )
+        space = self.settings.space
+        if ours.learns_design and agent.space.limits != space.limits:
+            raise InputError(
+                f"{path} has a body within other limits ({agent.space.in_words}) than this run "
+                f"({space.in_words}); give it the same limits"
+            )
         self._init_hash = file_hash(path)
         self.optimiser.restore({**self.optimiser.state(), "mu": agent.parameters.copy()})
 
@@ -178,12 +184,10 @@ class TrainingRun:
 
     def simulator(self) -> Simulator:
         """What simulates them, where this run is to be executed."""
-        kwargs, weights = {}, self.settings.reward_weights
-        if weights:  # an environment of one's own need not take any
-            kwargs["reward_weights"] = weights
-        return Simulator(
-            self.experiment, self.backend, workers=self.workers, ray=self.ray, **kwargs
-        )
+        about = {"workers": self.workers, "ray": self.ray, "space": self.settings.space}
+        if self.settings.reward_weights:  # an environment of one's own need not take any
+            about["reward_weights"] = self.settings.reward_weights
+        return Simulator(self.experiment, self.backend, **about)
 
     def run(self) -> None:
         """Train to the last generation.
@@ -325,8 +329,8 @@ class TrainingRun:
 
     def _agent(self, parameters: np.ndarray, **about) -> Agent:
         about |= {"seed": self.settings.seed, "generation": self.progress.generation}
-        about |= self._init_about
-        return Agent(self.experiment, parameters, metadata={**about, "versions": versions()})
+        about |= {**self._init_about, "versions": versions()}
+        return Agent(self.experiment, parameters, metadata=about, space=self.settings.space)
 
     @property
     def _init_about(self) -> dict[str, str]:
@@ -360,6 +364,7 @@ class TrainingRun:
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
             **self._init_about,
+            **self._limits,
             # Not in the checkpoint: its bytes stay those of any code that computes the same.
             "versions": json.dumps({**versions(), "sources": sources_hash()}, sort_keys=True),
             "host": f"{platform.system()} {processor()}, {os.cpu_count()} cores",
@@ -367,6 +372,12 @@ class TrainingRun:
             "command": self.settings.command(),
             "workers": f"Ray {self.ray}" if self.ray else str(self.workers),
         }
+
+    @property
+    def _limits(self) -> dict[str, str]:
+        limits = self.settings.space.limits
+        other = limits != self.experiment.body.design.limits
+        return {"limits": json.dumps(limits)} if other else {}
 
     def _take_snapshot(self) -> None:
         # Of whole generations only: an interrupt can come in the middle of an update.

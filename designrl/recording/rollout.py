@@ -170,7 +170,7 @@ def record_rollout(
     """
     seed = whole_number("the seed", seed, 0)
     space, scales = agent.experiment.body.design, agent.body_with(design)
-    kwargs = {"reward_weights": reward_weights} if reward_weights else {}
+    kwargs = {**agent.env_kwargs, **({"reward_weights": reward_weights} if reward_weights else {})}
     env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True, **kwargs)
     about = {
         "experiment": agent.experiment.name,
