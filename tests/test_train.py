@@ -501,6 +501,13 @@ def test_the_flat_walker_may_start_the_one_on_hardcore(tmp_path):
     np.testing.assert_array_equal(run.optimiser.mu, first.parameters)
 
 
+def test_a_body_within_other_limits_does_not_start_a_run(tmp_path):
+    agent_file(tmp_path / "a.safetensors")
+    other = settings(init=str(tmp_path / "a.safetensors"), design_limit=0.5)
+    with pytest.raises(InputError, match="0.25 to 1.75 .* than this run .0.5 to 1.5 .*same limits"):
+        TrainingRun(other, tmp_path / "run")
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
