@@ -11,7 +11,7 @@
 #   make train-all                   train and publish every run of Table 3 that is missing
 #   make verify-runs                 train the first generations of the published runs again
 #   make test                        the test suite
-#   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
+#   make verify-engine               4,000 episodes in the engine and in Box2D or PyBullet, and 1.3
 #                                    million steps of vector environments; make sanitize-engine:
 #                                    its tests, 300 episodes and 5,000 steps in a build that
 #                                    watches memory and undefined behaviour

@@ -126,6 +126,8 @@ def save(agent: Agent, path: str | Path) -> None:
         "experiment": agent.experiment.name,
         "network": dataclasses.asdict(agent.network),
     }
+    if agent.space.limits != agent.experiment.body.design.limits:
+        metadata["limits"] = agent.space.limits
     write_tensors(path, {"parameters": agent.parameters}, metadata, FORMAT)
 
 
@@ -146,7 +148,8 @@ def load(path: str | Path, experiment: str | None = None) -> Agent:
         network = Network(**{**metadata["network"], "sizes": tuple(metadata["network"]["sizes"])})
         if tensors["parameters"].dtype != np.float64:
             raise InputError("its parameters are not float64")
-        agent = Agent(found, tensors["parameters"], network, metadata)
+        space = found.space(metadata.get("limits"))
+        agent = Agent(found, tensors["parameters"], network, metadata, space)
     except InputError as error:
         raise InputError(f"{path} cannot be used: {error}") from None
     except (KeyError, TypeError, ValueError):
@@ -194,7 +197,9 @@ def describe(path: str | Path) -> str:
             values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)
             lines.append(f"{label:12} {values}")
     if agent.design is not None:
-        space = agent.experiment.design
+        space = agent.space
+        if "limits" in m:
+            lines.append(f"limits       {space.in_words}")
         lines.append(f"design       in % of the original, and in {space.unit}")
         rows = zip(space.names, agent.design, space.dimensions(agent.design), strict=True)
         for name, scale, size in rows:

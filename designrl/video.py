@@ -99,8 +99,10 @@ def evolution_video(
     parameters = recording.array("/distribution", "mu")
     generations, scores = _curve(recording)
     title = f"{experiment.name} seed {recording.metadata.get('seed', '?')}"
+    space = experiment.space(recording.about("limits"))
     agents = [
-        (held[i], Agent(experiment, parameters[i])) for i in _stages(held, generations, scores)
+        (held[i], Agent(experiment, parameters[i], space=space))
+        for i in _stages(held, generations, scores)
     ]
 
     def frames() -> Iterator[Image.Image]:
@@ -129,7 +131,8 @@ def film(agent: Agent, seed: int, design=None) -> Iterator[tuple[np.ndarray, flo
                 f"{env_id} draws no pictures, as its render_modes have no rgb_array; without a "
                 "video, an .mcap shows its body"
             )
-    env = gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
+    kwargs = {"render_mode": "rgb_array", **agent.env_kwargs}
+    env = gymnasium.make(env_id, disable_env_checker=True, **kwargs)
     try:
         for step in agent.play(env, seed, design):
             score += step.reward

@@ -25,6 +25,7 @@ from designrl.verify.episodes import (
     make_ant_cases,
     run_engine,
     run_reference,
+    with_other_limits,
 )
 
 REASON = engine.missing_reason()
@@ -56,6 +57,13 @@ def rows_of(batch, rows):
 
 @pytest.mark.parametrize("case", make_ant_cases(24, seed=3), ids=lambda c: f"{c.kind}-{c.seed}")
 def test_every_observation_and_the_return_equal_pybullet(case):
+    assert compare(case)[1] is None
+
+
+@pytest.mark.parametrize(
+    "case", with_other_limits(make_ant_cases(16, seed=4)), ids=lambda c: f"{c.kind}-{c.seed}"
+)
+def test_bodies_of_other_limits_equal_pybullet(case):
     assert compare(case)[1] is None
 
 

@@ -29,6 +29,7 @@ from designrl.verify.episodes import (
     make_cases,
     run_engine,
     run_reference,
+    with_other_limits,
 )
 
 NETWORK = Network((24, 40, 40, 4))  # the walkers' own
@@ -69,6 +70,13 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("case", make_cases(32, seed=3), ids=lambda case: f"seed{case.seed}")
 def test_every_observation_and_the_return_equal_box2d(case):
+    assert compare(case)[1] is None
+
+
+@pytest.mark.parametrize(
+    "case", with_other_limits(make_cases(24, seed=4)), ids=lambda case: f"seed{case.seed}"
+)
+def test_bodies_of_other_limits_equal_box2d(case):
     assert compare(case)[1] is None
 
 

@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+import designrl
 from designrl import cli, plan, simulation
 from designrl import train as train_module
 from designrl.checkpoint import STATE_FORMAT, describe, load, read_tensors, write_tensors
@@ -530,3 +531,43 @@ def test_a_dry_run_refuses_what_does_not_fit_on_the_disk(tmp_path, monkeypatch):
     run = TrainingRun(settings(generations=10**6), tmp_path, backend="reference")
     with pytest.raises(InputError, match=r"will take .*GB and 2\.00GB are free"):
         plan.dry_run(run)
+
+
+@pytest.mark.parametrize("name", ["biped-morphology-smaller-leg", "ant-morphology"])
+@pytest.mark.parametrize("form", ["bounded", "lognormal"])
+def test_other_limits_train_to_the_same_bytes_on_engine_and_reference(name, form, tmp_path):
+    limits = {"design_form": form, "design_limit": 0.5 if form == "bounded" else None}
+    changes = {**limits, "generations": 2, "sigma_start": 2.0}
+    for backend in ("engine", "reference"):
+        TrainingRun(settings(name, **changes), tmp_path / backend, 1, backend).run()
+    one, two = (tmp_path / backend / "best.safetensors" for backend in ("engine", "reference"))
+    assert file_hash(one) == file_hash(two)
+    agent, recording = load(one), read(tmp_path / "engine/generations.mcap")
+    bounds = [0.5, 1.5] if form == "bounded" else [0.25, 4.0]
+    assert agent.env_kwargs == {"design_bounds": bounds}
+    assert recording.about("limits") == {"form": form, "bounds": bounds}
+    sizes = recording.array("/design", "upper") / agent.experiment.body.design.originals
+    assert 1.75 * (form == "lognormal") < sizes.max() <= bounds[1]
+    assert f"--design-form {form}" in agent_command(agent)
+    with pytest.raises(InputError, match="with design_(limit|form) = .*, not None"):
+        train(tmp_path / "engine", name, resume=True, generations=2, sigma_start=2.0)
+    scores = [designrl.evaluate(one, 2, backend=b).scores.tolist() for b in ("engine", "reference")]
+    assert scores[0] == scores[1]
+
+
+def agent_command(agent):
+    return TrainSettings(**agent.metadata["settings"]).command()
+
+
+def test_limits_that_a_body_cannot_have_are_refused():
+    for experiment, changes, words in (
+        ("biped", {"design_limit": 0.5}, "biped learns no body"),
+        ("ant", {"design_form": "lognormal"}, "ant learns no body"),
+        ("ant-morphology", {"design_limit": 1.5}, "above 0 and at most 0.99"),
+        ("biped-morphology", {"design_form": "cubic"}, "one of bounded, lognormal"),
+        ("biped-morphology", {"design_limit": "wide"}, "design-limit is 'wide'; it must be a num"),
+    ):
+        with pytest.raises(InputError, match=words):
+            TrainSettings.of(experiment, **changes)
+    plain = TrainSettings.of("biped-morphology")
+    assert "design_limit" not in plain.as_dict() and "design_form" not in plain.as_dict()

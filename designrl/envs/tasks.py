@@ -12,11 +12,15 @@ import numpy as np
 
 from designrl import engine
 from designrl.bodies.walker import WALKER, leg_area
+from designrl.design import DesignSpace
 from designrl.engine import Task
 from designrl.engine.stepper import DISABLED, Stepper
 from designrl.errors import InputError
 
 TRIAL_STEPS = 100
+# Bodies that `designrl.verify` compares. Of larger ones, a part can touch more pieces of ground at
+# once than the engine holds.
+ENGINE_SCALES = 0.05, 5.0
 # From scales (N, D) to factors (N,) of all rewards but a fall's.
 RewardFactor = Callable[[np.ndarray], np.ndarray]
 
@@ -99,15 +103,26 @@ class World:
             InputError: a keyword's value that the environment would refuse.
         """
         kwargs = self.kwargs | kwargs
+        kwargs.pop("design_bounds", None)  # `engine_reason` looks at them
         if not kwargs.keys() <= inspect.signature(self.choose).parameters.keys():
             return None
         flags, factor = self.choose(**kwargs)
         limit = self.max_steps if max_episode_steps is None else max_episode_steps
         return Task(self.task, flags, limit), factor
 
-    def engine_reason(self) -> str | None:
-        """Why the engine cannot run it here, as a clause, or None."""
+    def engine_reason(self, space: DesignSpace | None = None) -> str | None:
+        """Why the engine cannot run it here, as a clause, or None.
+
+        Args:
+            space: the limits of its bodies; None: the paper's.
+        """
         reason = engine.missing_reason()
+        low, high = ENGINE_SCALES
+        if not reason and space and (space.low.min() < low or space.high.max() > high):
+            reason = (
+                f"the compiled engine is verified for bodies of {low} to {high:g} times the "
+                f"original size, not of {space.low.min():.4g} to {space.high.max():.4g} times"
+            )
         if reason or not self.on_trial or engine.instruction_sets() == ["portable"]:
             return reason
         return trial(self)
@@ -151,6 +166,6 @@ def engine_task(env_id: str, **kwargs) -> EngineTask | None:
     return WORLDS[env_id].engine_task(**kwargs) if env_id in WORLDS else None
 
 
-def engine_reason(env_id: str) -> str | None:
+def engine_reason(env_id: str, space: DesignSpace | None = None) -> str | None:
     """`World.engine_reason` of an environment; of another package's, whether there is an engine."""
-    return WORLDS[env_id].engine_reason() if env_id in WORLDS else engine.missing_reason()
+    return WORLDS[env_id].engine_reason(space) if env_id in WORLDS else engine.missing_reason()
