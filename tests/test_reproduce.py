@@ -590,6 +590,9 @@ def test_report_in_a_browser_at_phone_width(page, tmp_path):
 # ------------------------------------------------------------------------------------- PPO's curves
 
 
+NO_ENGINE = "import designrl.engine as e; e._load = lambda: 'the engine is not there'; "
+
+
 def write_curve(folder, task, body, seed, text):
     path = folder / "paper/transfer" / task / body / f"seed{seed}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -629,8 +632,8 @@ def test_ppos_answer_compares_the_bodies_at_the_end_and_over_the_training(projec
     "text, message",
     [
         ("steps,mean\n0,1\n7,2\n", "has other steps than seed0.csv"),
-        ("steps,mean\n0,high\n", "is not a curve of examples/ppo.py"),
-        ("a,b\n0,1\n", "is not a curve of examples/ppo.py"),
+        ("steps,mean\n0,high\n", "is not a curve of train_ppo.py"),
+        ("a,b\n0,1\n", "is not a curve of train_ppo.py"),
     ],
 )
 def test_curves_that_do_not_fit_are_named(project, text, message):
@@ -644,22 +647,38 @@ def test_curves_that_do_not_fit_are_named(project, text, message):
 def test_ppo_writes_a_curve_that_the_figure_reads(project):
     body = pretrain(project, "biped-hardcore-morphology")
     out = project / "paper/transfer/hardcore/learned/seed3.csv"
-    command = [sys.executable, ROOT / "examples/ppo.py", "--hardcore", "--seed", "3", "--design"]
+    command = [sys.executable, "-m", "reproduce.train_ppo", "--hardcore", "--seed", "3", "--design"]
     command += [body, "--steps", "256", "--episodes", "4", "--out", out]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    said = {"cwd": ROOT, "capture_output": True, "text": True, "timeout": 300}
+    subprocess.run(command, check=True, **said)
     steps, means = transfer.read_curves([out])
     assert steps.tolist() == [0, 256] and np.isfinite(means).all()
     assert file_hash(body) in out.read_text()
     transfer.figures(Sources())
-    missing = "import designrl.engine as e; e._load = lambda: 'the engine is not there'; "
-    missing += "import runpy, sys; del sys.argv[0]; runpy.run_path(sys.argv[0], None, '__main__')"
+    missing = f"{NO_ENGINE}import runpy; runpy.run_module('reproduce.train_ppo', None, '__main__')"
     slow = project / "slow.csv"
-    without = [sys.executable, "-c", missing, *command[1:-1], slow]
-    found = subprocess.run(without, check=True, capture_output=True, text=True, timeout=300)
+    without = [sys.executable, "-c", missing, *command[3:-1], slow]
+    found = subprocess.run(without, check=True, **said)
     assert "the engine is not there; stepping single environments" in found.stderr
     assert slow.read_text().splitlines()[1:] == out.read_text().splitlines()[1:]
     for change in ({body: out}, {body: pretrain(project, "ant")}, {out: project}):
         changed = [change.get(word, word) for word in command]
-        wrong = subprocess.run(changed, capture_output=True, text=True, timeout=300)
+        wrong = subprocess.run(changed, **said)
         assert wrong.returncode == 2
-        assert "ppo.py: error: " in wrong.stderr and "Traceback" not in wrong.stderr
+        assert "train_ppo: error: " in wrong.stderr and "Traceback" not in wrong.stderr
+
+
+@pytest.mark.parametrize("before", ["", NO_ENGINE])
+def test_ppos_example_runs_on_the_engine_and_without_it(before):
+    code = (ROOT / "examples/ppo.py").read_text()
+    for long, short in (
+        ("100_000", "1"),
+        ("n_steps=512", "n_steps=4"),
+        ("episodes=20", "episodes=1"),
+    ):
+        assert long in code
+        code = code.replace(long, short)
+    command = [sys.executable, "-c", f"{before}exec({code!r})"]
+    found = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
+    assert re.search(r"-?\d+\.\d ± \d+\.\d points$", found.stdout.strip())
+    assert ("the engine is not there" in found.stdout) == bool(before)
