@@ -2,7 +2,7 @@
 
     python examples/ppo.py
 
-Trains for a minute or so and prints the score. `reproduce/train_ppo.py` has settings that learn to
+Trains briefly and prints the score. `reproduce/train_ppo.py` has settings that learn to
 walk, and what they score is in paper/report.md.
 """
 
