@@ -5,9 +5,9 @@
 #   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
 #   make page                        docs/page/index.html: the walker in the browser, and all results
 #   make gallery                     looping pictures of each experiment's best agent
-#   make transfer                    PPO on original and learned bodies (examples/ppo.py), the curves
-#                                    that make reproduce-transfer draws; those there are kept. Hours:
-#                                    make -j2 transfer for two at a time
+#   make transfer                    PPO on original and learned bodies (reproduce/train_ppo.py): the
+#                                    curves that make reproduce-transfer draws; those there are kept.
+#                                    Hours: make -j2 transfer for two at a time
 #   make train-all                   train and publish every run of Table 3 that is missing
 #   make verify-runs                 train the first generations of the published runs again
 #   make test                        the test suite
@@ -95,7 +95,7 @@ TRANSFER := paper/transfer
 FLAT = --steps 4000000
 HARDCORE = --steps 15000000 --hardcore
 LEARNED = --design $(TRANSFER)/$(1)/body.safetensors
-CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@
+CURVE = $(BIN)/python -m reproduce.train_ppo --seed $* --out $@
 transfer: $(foreach seed,0 1 2 3 4,$(foreach body,original learned, \
   $(foreach task,flat hardcore,$(TRANSFER)/$(task)/$(body)/seed$(seed).csv)))
 $(TRANSFER)/flat/original/seed%.csv: | $(READY)

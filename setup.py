@@ -6,6 +6,7 @@ reference environments.
 
 import os
 import platform
+import runpy
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -32,6 +33,8 @@ FLAGS = [
     *(["-march=x86-64", "-DENGINE_ALL_KINDS"] if ALL_KINDS else ["-DENGINE_PORTABLE"]),
     "-fno-fast-math",
     "-ffp-contract=off",
+    # An engine whose sources have changed since is not used.
+    f'-DENGINE_SOURCES="{runpy.run_path("designrl/provenance.py")["engine_hash"]()}"',
     # These give up errno and floating-point traps only, and let comparisons become selects.
     "-fno-math-errno",
     "-fno-trapping-math",
