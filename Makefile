@@ -80,7 +80,7 @@ lint: $(READY)
 	else echo "the types of docs/page/src are not checked: there is no npx"; fi
 
 proto: $(READY)
-	@$(PIP) install --quiet -c requirements-extras.lock grpcio-tools
+	@$(PIP) install --quiet --no-deps -c requirements-extras.lock grpcio-tools
 	$(BIN)/python -m grpc_tools.protoc -I. --python_out=. designrl/recording/schema.proto
 
 reproduce: $(READY)
