@@ -175,7 +175,7 @@ def keep(s: Score) -> None:
 def kept_at(s: Score) -> Path:
     """Where the scores of a checkpoint are kept."""
     about = [s.sha256, s.agent.experiment.name, EPISODES, SEED, backend()]
-    key = json.dumps([*about, versions(), sources_hash()])
+    key = json.dumps([*about, used_versions(), sources_hash()])
     return ROOT / ".cache" / "scores" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
 
 

@@ -30,7 +30,7 @@ from designrl.engine import Task
 from designrl.envs import engine_reason
 from designrl.envs.inputs import HasDesign
 from designrl.envs.vector import EngineVectorEnv, no_engine
-from designrl.errors import InputError
+from designrl.errors import InputError, MissingPartError
 
 
 def _sum(values) -> float:
@@ -67,8 +67,11 @@ def _silence():
         os.close(sink)
 
 
-with _silence():
-    import pybullet
+try:
+    with _silence():
+        import pybullet
+except ImportError:  # `VectorAnt` needs none, and `Ant` says so
+    pybullet = None
 
 REWARD_TERMS = ("alive", "progress", "electricity", "stall", "joint_limits", "foot_collision")
 
@@ -212,6 +215,11 @@ class Ant(HasDesign, gymnasium.Env):
     def __init__(self, design=None, render_mode: str | None = None):
         EzPickle.__init__(self, design, render_mode)
         self._client = -1  # before anything that can fail: close() looks at it
+        if pybullet is None:
+            raise MissingPartError(
+                "single ants need PyBullet, which is not installed; install designrl[reference] "
+                "(from Python 3.12 on pybullet, too; it is compiled), or in a clone run make setup"
+            )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode
