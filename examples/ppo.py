@@ -4,7 +4,7 @@
     python examples/ppo.py --design pretrained/biped-morphology/seed0.safetensors --out curve.csv
     python examples/ppo.py --hardcore --seed 3 --steps 20_000_000 --out curve.csv
 
-Trains Stable-Baselines3's PPO (which `make setup` installs) on a walker and writes its learning
+Trains Stable-Baselines3's PPO (`make setup-train` installs it) on a walker and writes its learning
 curve. The settings are RL Baselines3 Zoo's for BipedalWalker-v3 and BipedalWalkerHardcore-v3
 (hyperparams/ppo.yml) with larger minibatches, which take several times as many steps a second, and
 on hardcore more environments and a larger learning rate. They were chosen on the original body and
