@@ -1,4 +1,4 @@
-"""Each block of docs/using.md is a script that runs, where the library that it is about is there."""
+"""Each block of docs/using.md is a script that runs, if the library that it is about is there."""
 
 import ast
 import subprocess
