@@ -38,7 +38,7 @@ def optional(what: str, extra: str, in_a_clone: str = "make setup") -> Iterator[
     try:
         yield
     except Exception as error:  # protobuf refuses an older one by an error of its own
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split()).partition(". ")[0]
         raise MissingPartError(
             f"{what} cannot be used here ({reason}); install designrl[{extra}], or in a clone run "
             f"{in_a_clone}"

@@ -122,6 +122,18 @@ def test_an_import_that_fails_names_the_extra(base, code, extra):
     assert extra in PROJECT["optional-dependencies"]
 
 
+def test_a_protobuf_that_is_too_old_is_said_in_one_sentence():
+    code = """
+import google.protobuf.runtime_version as runtime
+runtime.MAJOR, runtime.MINOR = 5, 28
+from designrl.cli import main
+main(["info", "a.mcap"])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "runtime 5.28" in done.stderr and "install designrl[view]" in done.stderr
+
+
 def test_tables_and_figures_need_no_torch():
     code = """
 import importlib, sys
@@ -145,6 +157,9 @@ def test_the_floors_that_are_declared_are_those_that_are_tested():
             declared[name] = floor.removeprefix(">=").strip()
     assert declared.pop("ruff")  # the lock has its version: another one formats otherwise
     assert declared == tested
+    module = Path(designrl.__file__).parent / "recording/schema_pb2.py"
+    made_for = re.search(r"Protobuf Python Version: ([\d.]+)", module.read_text())[1]
+    assert [*map(int, made_for.split("."))] <= [*map(int, tested["protobuf"].split("."))]
 
 
 def test_all_that_is_imported_is_declared():

@@ -73,7 +73,7 @@ def main(python: str = sys.executable) -> None:
             assert said.count("\n") == 1 and f"designrl[{extra}]" in said, said
             print(f"{command}\n  {said}", end="")
         for words, extra in IMPORTS.items():
-            said = run("-c", words, code=1).stderr.splitlines()[-1]
+            said = run("-c", f"import designrl\n{words}", code=1).stderr.splitlines()[-1]
             assert f"designrl[{extra}]" in said, said
         install("[reference,view]")
         evaluate("--backend", "reference")

@@ -20,6 +20,8 @@ with optional("recordings", "view"):
     import mcap_protobuf.schema  # noqa: F401
     import zstandard  # noqa: F401
 
+    import designrl.recording.schema_pb2  # noqa: F401 (an old protobuf refuses it)
+
 from designrl.recording.mcap_file import RecordingError
 from designrl.recording.reader import Recording, describe, read
 from designrl.recording.rollout import RolloutWriter, record_rollout

@@ -20,6 +20,7 @@ from designrl.errors import InputError, optional, remark
 with optional("the viewer", "view"):
     import rerun as rr
     import rerun.blueprint as rrb
+    import rerun.experimental  # noqa: F401
 
 from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
