@@ -177,6 +177,15 @@ def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):
     assert simulation.engine_reason(experiment, experiment.network) is None
 
 
+def test_without_pybullet_bits_are_compared_with_those_that_it_gave_elsewhere(monkeypatch):
+    monkeypatch.setattr(envs, "find_spec", lambda name: None)
+    monkeypatch.setattr(envs, "_trials", {})
+    assert envs.engine_reason("designrl/Ant-v0") is None
+    monkeypatch.setattr(envs, "_trials", {})
+    monkeypatch.setattr(envs, "TRIAL_STEPS", envs.TRIAL_STEPS - 1)  # other bits
+    assert "not the reference's to the bit" in envs.engine_reason("designrl/Ant-v0")
+
+
 def test_workers_without_the_engine_use_the_reference(monkeypatch):
     with Simulator("ant-morphology", "engine") as simulator:
         candidates = 0.5 * np.random.default_rng(3).standard_normal(
