@@ -40,8 +40,8 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup setup-train same-python test test-floors test-wheel bench lint proto reproduce FORCE page gallery train-all zoo verify-runs \
-  verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
+.PHONY: setup setup-train same-python test test-floors test-wheel bench lint proto reproduce FORCE page \
+  gallery train-all zoo verify-runs verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
 
