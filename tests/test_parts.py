@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from test_house import imported
 
 import designrl
+from designrl.engine import missing_reason
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -57,10 +59,13 @@ def plain(name):
 def run(base, *words, code=0):
     """What a Python with the base installation says, on stdout and on stderr."""
     command = [sys.executable, "-S", *map(str, words)]
-    environment = {"PYTHONPATH": str(base), "PATH": "/usr/bin:/bin"}
-    done = subprocess.run(command, cwd=base, env=environment, capture_output=True, text=True)
+    env = os.environ | {"PYTHONPATH": str(base)}
+    done = subprocess.run(command, cwd=base, env=env, capture_output=True, text=True)
     assert done.returncode == code, done.stderr
     return done.stdout, done.stderr
+
+
+needs_engine = pytest.mark.skipif(missing_reason() is not None, reason=str(missing_reason()))
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +90,7 @@ def test_the_base_is_what_pyproject_declares():
     assert named | needed == set(BASE)
 
 
+@needs_engine
 def test_the_base_runs_commands_and_scores_as_all_does(base):
     assert run(base, "-m", "designrl", "--version")[0].startswith("designrl ")
     assert "biped-hardcore " in run(base, "-m", "designrl", "experiments")[0]
@@ -97,6 +103,7 @@ def test_the_base_runs_commands_and_scores_as_all_does(base):
         assert found["scores"] == designrl.evaluate(name, episodes=2).scores.tolist()
 
 
+@needs_engine
 @pytest.mark.parametrize("task", ["BipedalWalker", "BipedalWalkerHardcore", "Ant"])
 def test_the_base_steps_vector_environments(base, task):
     code = f"""
