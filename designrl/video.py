@@ -235,6 +235,6 @@ def _write_mp4(data: io.BytesIO, frames: Iterable[Image.Image], seconds: float) 
 
 
 def _av():
-    with optional("an .mp4, unlike a .gif or .webp,", "video", "pip install av"):
+    with optional("PyAV (for .mp4, not for .gif or .webp)", "video", "pip install av"):
         import av
     return av
