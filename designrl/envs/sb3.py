@@ -15,8 +15,8 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from designrl.envs import engine_reason
 from designrl.envs.inputs import checked_options
+from designrl.envs.tasks import engine_reason
 from designrl.errors import InputError, optional
 from designrl.numeric import whole_number
 
