@@ -1,4 +1,4 @@
-"""Builds the compiled engine; everything else is in pyproject.toml.
+"""Builds the compiled engine and packs the published agents; all else is in pyproject.toml.
 
 The engine is optional: without a C++ compiler the installation goes on, and training uses the
 reference environments.
@@ -11,7 +11,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from setuptools import Extension, setup
+from setuptools import Extension, find_namespace_packages, setup
 from setuptools.command.build_ext import build_ext
 
 SOURCES = Path("designrl/engine/native")
@@ -75,6 +75,9 @@ class BuildEngine(build_ext):
 
 
 setup(
+    # The agents go where `designrl.names` looks for them; in a clone they stay where they are.
+    packages=[*find_namespace_packages(include=["designrl*"]), "designrl.pretrained"],
+    package_dir={"designrl.pretrained": "pretrained"},
     ext_modules=[
         Extension(
             "designrl.engine._native",

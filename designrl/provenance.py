@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 
 VERSION = "0.1.0"
-LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
+# Those that are installed count; of the two names of Box2D, one is.
+LIBRARIES = ("box2d-py", "box2d", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
 # All that evaluation imports: what a score depends on. The rest (training, recordings, viewer,
 # command line) may change without it.
 SCORING_SOURCES = (
@@ -36,7 +37,11 @@ SCORING_SOURCES = (
 @cache
 def versions() -> dict[str, str]:
     """Versions of this package and of the libraries that scores depend on."""
-    return {"designrl": VERSION} | {name: importlib.metadata.version(name) for name in LIBRARIES}
+    found = {"designrl": VERSION}
+    for name in LIBRARIES:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
 
 
 @cache

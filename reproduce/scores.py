@@ -172,7 +172,7 @@ def kept(s: Score, backend: str) -> np.ndarray | None:
 def depends_on(s: Score, backend: str) -> list:
     """All that the scores of a checkpoint depend on."""
     about = [s.sha256, s.agent.experiment.name, EPISODES, SEED, backend]
-    return [*about, versions(), sources_hash()]
+    return [*about, used_versions(), sources_hash()]
 
 
 def kept_at(about: list) -> Path:

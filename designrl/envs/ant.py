@@ -29,7 +29,7 @@ from designrl.bodies.ant import (
 from designrl.envs import tasks
 from designrl.envs.inputs import HasDesign
 from designrl.envs.vector import EngineVectorEnv
-from designrl.errors import InputError
+from designrl.errors import InputError, MissingPartError
 
 
 def _sum(values) -> float:
@@ -66,8 +66,11 @@ def _silence():
         os.close(sink)
 
 
-with _silence():
-    import pybullet
+try:
+    with _silence():
+        import pybullet
+except ImportError:  # `VectorAnt` needs none, and `Ant` says so
+    pybullet = None
 
 REWARD_TERMS = ("alive", "progress", "electricity", "stall", "joint_limits", "foot_collision")
 
@@ -215,6 +218,11 @@ class Ant(HasDesign, gymnasium.Env):
     ):
         EzPickle.__init__(self, design, design_bounds, render_mode)
         self._client = -1  # before anything that can fail: close() looks at it
+        if pybullet is None:
+            raise MissingPartError(
+                "single ants need PyBullet, which is not installed; install designrl[reference] "
+                "(from Python 3.12 on pybullet, too; it is compiled), or in a clone run make setup"
+            )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode

@@ -4,16 +4,7 @@ from functools import reduce
 from operator import add
 
 import numpy as np
-from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
 from gymnasium import spaces
-from gymnasium.envs.box2d.bipedal_walker import (
-    HULL_FD,
-    LEG_DOWN,
-    MOTORS_TORQUE,
-    SCALE,
-    TERRAIN_HEIGHT,
-    BipedalWalker,
-)
 from gymnasium.utils import EzPickle
 from gymnasium.vector import VectorEnv
 
@@ -21,6 +12,20 @@ from designrl.bodies.walker import WALKER
 from designrl.envs.inputs import HasDesign
 from designrl.envs.tasks import FLAT, is_closest_lidar, leg_area_reward_factor
 from designrl.envs.vector import EngineVectorEnv
+from designrl.errors import optional
+
+try:
+    from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
+    from gymnasium.envs.box2d.bipedal_walker import (
+        HULL_FD,
+        LEG_DOWN,
+        MOTORS_TORQUE,
+        SCALE,
+        TERRAIN_HEIGHT,
+        BipedalWalker,
+    )
+except ImportError:  # `VectorWalker` needs none of it, and `Walker` says so
+    b2RayCastCallback = b2World = BipedalWalker = object  # noqa: N816
 
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
 
@@ -191,6 +196,8 @@ class Walker(HasDesign, BipedalWalker):
         design_bounds: tuple | None = None,
         render_mode: str | None = None,
     ):
+        with optional("single walkers", "reference"):
+            import Box2D  # noqa: F401
         self._closest_hits = is_closest_lidar(lidar)
         super().__init__(render_mode=render_mode, hardcore=hardcore)
         settings = lidar, leg_area_reward, hardcore, design_bounds
