@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import safetensors
 import safetensors.numpy
-from mcap.writer import MCAP0_MAGIC
 
 from designrl.errors import InputError, printable
 from designrl.experiments import Network, get_experiment
@@ -28,6 +27,7 @@ _WHAT_TO_DO = {
     FORMAT: "get it again, or name another",
     STATE_FORMAT: "put a good copy back, or start again in another folder with --out",
 }
+MCAP_MAGIC = b"\x89MCAP0\r\n"  # with which a recording begins
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 MAX_DEPTH = 20  # of values in the metadata; ours is 3
@@ -40,7 +40,7 @@ def read_bounded(path: Path) -> bytes:
         InputError: missing, a recording, or too large to be one.
     """
     data = read_limited(path, MAX_FILE_BYTES)
-    if data.startswith(MCAP0_MAGIC):
+    if data.startswith(MCAP_MAGIC):
         raise InputError(
             f"{path} is a recording, not a checkpoint; open it with `designrl info` or "
             "`designrl replay`"

@@ -20,12 +20,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import gymnasium
 import numpy as np
-import torch
-from tqdm import tqdm
+
+from designrl.errors import InputError, optional
+
+with optional("training", "train", "make setup-train"):
+    import torch
+    from tqdm import tqdm
 
 from designrl import checkpoint
-from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
 from designrl.files import file_hash
 from designrl.names import find, load
@@ -198,6 +202,8 @@ class TrainingRun:
         """
         # Sums over candidates must not depend on the machine's number of cores.
         torch.set_num_threads(1)
+        # Rollouts are recorded in a single environment: what that lacks is said now.
+        gymnasium.make(self.experiment.env_id, disable_env_checker=True).close()
         with self._folder.locked():
             self._open()  # another run may have used the folder until now
             self._folder.clean()

@@ -12,14 +12,16 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
 from designrl.design import in_words
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.experiments import get_experiment
 from designrl.files import require_new, write_atomically
 from designrl.policy import Agent
 from designrl.recording import Recording, read
+
+with optional("films", "view"):
+    from PIL import Image, ImageDraw, ImageFont
 
 SUFFIXES = (".mp4", ".gif", ".webp")
 EVERY = 2  # steps from one picture to the next
@@ -241,10 +243,6 @@ def _write_mp4(data: io.BytesIO, frames: Iterable[Image.Image], seconds: float) 
 
 
 def _av():
-    try:
+    with optional("PyAV (for .mp4, not for .gif or .webp)", "video", "pip install av"):
         import av
-    except ImportError:
-        raise InputError(
-            "an .mp4 needs PyAV (pip install av); a .gif or .webp needs nothing more"
-        ) from None
     return av

@@ -185,6 +185,14 @@ def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):
     assert tasks.engine_reason("designrl/Ant-v0") is None
 
 
+def test_without_pybullet_bits_are_compared_with_those_that_it_gave_elsewhere(monkeypatch):
+    monkeypatch.setattr(tasks, "trial", tasks.trial.__wrapped__)
+    monkeypatch.setattr(tasks, "find_spec", lambda name: None)
+    assert tasks.engine_reason("designrl/Ant-v0") is None
+    monkeypatch.setattr(tasks, "TRIAL_STEPS", tasks.TRIAL_STEPS - 1)  # other bits
+    assert "not the reference's to the bit" in tasks.engine_reason("designrl/Ant-v0")
+
+
 def test_workers_without_the_engine_use_the_reference(monkeypatch):
     with Simulator("ant-morphology", "engine") as simulator:
         candidates = 0.5 * np.random.default_rng(3).standard_normal(

@@ -377,3 +377,8 @@ def test_interrupts_at_any_moment_leave_a_working_engine():
             interrupt_after(delay)
             rollout(FLAT, **batch, threads=2)
     assert rollout(FLAT, **random_batch(2, 1, std=1.0), threads=2)[0].shape == (2, 1)
+
+
+def test_an_engine_of_other_sources_than_are_beside_it_is_not_used(monkeypatch):
+    monkeypatch.setattr(engine, "engine_hash", lambda: "of edited sources")
+    assert "compiled from other sources" in engine._load.__wrapped__()

@@ -31,7 +31,7 @@ from designrl.envs import tasks
 from designrl.envs.inputs import HasDesign
 from designrl.envs.tasks import checked_weights
 from designrl.envs.vector import EngineVectorEnv
-from designrl.errors import InputError
+from designrl.errors import InputError, MissingPartError
 
 
 def _sum(values) -> float:
@@ -68,8 +68,11 @@ def _silence():
         os.close(sink)
 
 
-with _silence():
-    import pybullet
+try:
+    with _silence():
+        import pybullet
+except ImportError:  # `VectorAnt` needs none, and `Ant` says so
+    pybullet = None
 
 REWARD_TERMS = tasks.ANT.reward_terms
 
@@ -225,6 +228,11 @@ class Ant(HasDesign, gymnasium.Env):
         self._client = -1  # before anything that can fail: close() looks at it
         self.reward_weights = checked_weights(reward_weights, REWARD_TERMS)
         EzPickle.__init__(self, design, design_bounds, self.reward_weights, render_mode)
+        if pybullet is None:
+            raise MissingPartError(
+                "single ants need PyBullet, which is not installed; install designrl[reference] "
+                "(from Python 3.12 on pybullet, too; it is compiled), or in a clone run make setup"
+            )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode

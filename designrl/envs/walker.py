@@ -5,16 +5,7 @@ from functools import reduce
 from operator import add
 
 import numpy as np
-from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
 from gymnasium import spaces
-from gymnasium.envs.box2d.bipedal_walker import (
-    HULL_FD,
-    LEG_DOWN,
-    MOTORS_TORQUE,
-    SCALE,
-    TERRAIN_HEIGHT,
-    BipedalWalker,
-)
 from gymnasium.utils import EzPickle
 from gymnasium.vector import VectorEnv
 
@@ -27,6 +18,20 @@ from designrl.envs.tasks import (
     leg_area_reward_factor,
 )
 from designrl.envs.vector import EngineVectorEnv
+from designrl.errors import optional
+
+try:
+    from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
+    from gymnasium.envs.box2d.bipedal_walker import (
+        HULL_FD,
+        LEG_DOWN,
+        MOTORS_TORQUE,
+        SCALE,
+        TERRAIN_HEIGHT,
+        BipedalWalker,
+    )
+except ImportError:  # `VectorWalker` needs none of it, and `Walker` says so
+    b2RayCastCallback = b2World = BipedalWalker = object  # noqa: N816
 
 REWARD_TERMS = FLAT.reward_terms
 
@@ -201,6 +206,8 @@ class Walker(HasDesign, BipedalWalker):
         reward_weights: Mapping[str, float] | None = None,
         render_mode: str | None = None,
     ):
+        with optional("single walkers", "reference"):
+            import Box2D  # noqa: F401
         self.reward_weights = checked_weights(reward_weights, REWARD_TERMS)
         self._closest_hits = is_closest_lidar(lidar)
         super().__init__(render_mode=render_mode, hardcore=hardcore)

@@ -15,9 +15,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 
-from tqdm import tqdm
-
 from designrl import author, engine
+from designrl.errors import MissingPartError, optional
 from designrl.experiments import get_experiment
 from designrl.provenance import core_count
 from designrl.verify.episodes import (
@@ -40,8 +39,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
     parser.add_argument("--workers", type=int, default=core_count())
     options = parser.parse_args(arguments)
-    if reason := engine.missing_reason():
-        print(f"nothing to verify: {reason}", file=sys.stderr)
+    try:
+        if reason := engine.missing_reason():
+            raise MissingPartError(f"nothing to verify: {reason}")
+        with optional("the comparison", "train"):
+            import Box2D  # noqa: F401
+            import pybullet  # noqa: F401
+            from tqdm import tqdm
+    except MissingPartError as error:
+        print(error, file=sys.stderr)
         return 2
     ants = options.episodes // 3
     cases = make_cases(options.episodes - ants, options.seed)
