@@ -28,6 +28,7 @@ class Evaluation:
         seconds: wall time.
         backend: that played them, "engine" or "reference".
         changed: names of the dimensions in which that body is not the agent's own -> their scales.
+        reward_weights: of reward terms that did not count as 1.
     """
 
     experiment: str
@@ -38,6 +39,7 @@ class Evaluation:
     seconds: float
     backend: str = "reference"
     changed: dict[str, float] = field(default_factory=dict)
+    reward_weights: dict[str, float] = field(default_factory=dict)
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
@@ -56,6 +58,7 @@ class Evaluation:
             "changed": self.changed,
             "seconds": self.seconds,
             "backend": self.backend,
+            **({"reward_weights": self.reward_weights} if self.reward_weights else {}),
         }
 
     def table(self) -> dict[str, np.ndarray]:
@@ -135,4 +138,5 @@ def evaluate(
         time.perf_counter() - start,
         simulator.backend,
         {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
+        reward_weights=dict(env_kwargs.get("reward_weights") or {}),
     )
