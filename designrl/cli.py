@@ -12,7 +12,7 @@ from pathlib import Path
 
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
-from designrl.files import is_locked, read_limited, require_new
+from designrl.files import file_hash, is_locked, read_limited, require_new
 from designrl.provenance import VERSION, core_count
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 from designrl.terminal import heed_signals, open_streams, unsaid
@@ -64,6 +64,11 @@ def _agent_file(sub) -> None:
     sub.add_argument("file", metavar="FILE", help=about)
     sub.add_argument("--experiment", help="what a 2018 .json was trained for")
     sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
+
+
+def _say_file(path: str | Path) -> None:
+    """Name what was used: a name means another file in another folder or checkout."""
+    print(printable(f"from {Path(path).absolute()}, sha256 {file_hash(path)}"))
 
 
 def _require_suffix(path: str, suffix: str) -> None:
@@ -218,6 +223,7 @@ def _evaluate(args) -> None:
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
     )
+    _say_file(agent.file)
 
 
 def _add_evaluate(commands) -> None:
@@ -276,14 +282,15 @@ def _record(args) -> None:
         from designrl.recording import record_rollout
 
         score = record_rollout(agent, args.output, seed)
-        said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
-        print(printable(said))
+        look = f"designrl replay {shlex.quote(args.output)}"
+        print(printable(f"{args.output}: one episode, {score:.1f} points; look at it with: {look}"))
     if args.video:
         from tqdm import tqdm
 
         with tqdm(unit="picture", leave=False, disable=None) as bar:
             score = record_video(agent, args.video, seed, bar.update)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
+    _say_file(agent.file)
 
 
 def _add_record(commands) -> None:
@@ -320,7 +327,7 @@ def _replay(args) -> None:
     if not args.web and (args.bind or args.port is not None):
         raise InputError("--bind and --port are those of --web; add that, too")
     web = (args.bind or ADDRESS, PORT if args.port is None else args.port) if args.web else None
-    replay(args.files, args.save, args.headless_screenshot, args.at, web)
+    replay(args.files, args.save, args.headless_screenshot, args.at, web, _say_file)
     for path in filter(None, (args.save, args.headless_screenshot)):
         print(printable(f"{path} written"))
 
@@ -328,10 +335,12 @@ def _replay(args) -> None:
 def _film(args) -> None:
     from tqdm import tqdm
 
+    from designrl.recording import read
     from designrl.video import STAGES, evolution_video
 
     if len(args.files) > 1 or args.save or args.headless_screenshot or args.web:
         raise InputError("--video films one run and does nothing else; name only its folder")
+    _say_file(read(args.files[0]).path)
     with tqdm(total=STAGES, unit="stage", leave=False, disable=None) as bar:
         evolution_video(args.files[0], args.video, progress=bar.update)
     print(f"{args.video} written")
@@ -392,15 +401,18 @@ def _add_info(commands) -> None:
 
 
 def _export(args) -> None:
+    from designrl.recording import read
     from designrl.recording.table import check_target, table, write_table
 
     check_target(args.output)
-    columns = table(args.file, args.episodes)
+    recording = read(args.file)
+    columns = table(recording, args.episodes)
     write_table(columns, args.output)
     rows = len(next(iter(columns.values())))
     held = set(columns.get("generation", ()))  # of a published run, only some
     of = f", {len(held):,} of the generations {min(held):,} to {max(held):,}" if held else ""
     print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns{of}"))
+    _say_file(recording.path)
 
 
 def _add_export(commands) -> None:

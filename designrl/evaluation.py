@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from designrl.errors import InputError
+from designrl.files import file_hash
 from designrl.names import load
 from designrl.policy import Agent
 from designrl.settings import MAX_EPISODES
@@ -27,6 +28,7 @@ class Evaluation:
         design: (D,) scales of the body, or None where it is the original.
         seconds: wall time.
         backend: that played them, "engine" or "reference".
+        file, sha256: the agent's, where it is from a file.
     """
 
     experiment: str
@@ -36,6 +38,8 @@ class Evaluation:
     design: np.ndarray | None
     seconds: float
     backend: str = "reference"
+    file: str | None = None
+    sha256: str | None = None
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
@@ -53,6 +57,8 @@ class Evaluation:
             "design": None if self.design is None else self.design.tolist(),
             "seconds": self.seconds,
             "backend": self.backend,
+            "file": self.file,
+            "sha256": self.sha256,
         }
 
     def table(self) -> dict[str, np.ndarray]:
@@ -123,4 +129,6 @@ def evaluate(
         agent.design,
         time.perf_counter() - start,
         simulator.backend,
+        agent.file and str(agent.file),
+        agent.file and file_hash(agent.file),
     )

@@ -12,6 +12,7 @@ import math
 import threading
 from collections.abc import Iterator
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import gymnasium
@@ -109,6 +110,9 @@ class Agent:
         network: where it differs from the experiment's (the published original ant).
         metadata: where it came from.
 
+    Attributes:
+        file: that `designrl.load` read it from; None: no file.
+
     Raises:
         InputError: a network that the experiment does not have, a wrong number of parameters, or
             some that are not finite.
@@ -143,6 +147,8 @@ class Agent:
             log_stds = self.parameters[self.network.num_weights : self.network.num_parameters]
             (self._noise_std,) = noise_stds(log_stds[None])
         self._noise = _Noise()
+
+    file: Path | None = None
 
     def __reduce__(self):  # the compiled forward pass cannot be pickled
         return Agent, (self.experiment, self.parameters, self.network, self.metadata)

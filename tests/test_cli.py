@@ -11,6 +11,7 @@ from designrl.checkpoint import save
 from designrl.cli import main
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.files import file_hash
 from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
 from designrl.settings import TrainSettings
@@ -181,11 +182,25 @@ def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, cap
     assert "best.safetensors: checkpoint of biped-morphology" in capsys.readouterr().out
 
 
+def test_what_hides_a_published_agent_is_named(checkpoint, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "biped").mkdir()
+    hiding = checkpoint.rename(tmp_path / "biped" / "seed0")
+    main(["evaluate", "biped/seed0", "--episodes", "1"])
+    assert f"from {hiding}, sha256 {file_hash(hiding)}\n" in capsys.readouterr().out
+    main(["evaluate", "biped/seed0", "--episodes", "1", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (found["file"], found["sha256"]) == (str(hiding), file_hash(hiding))
+
+
 def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkeypatch):
     name = next(path.relative_to(PRETRAINED).with_suffix("") for path in PRETRAINED.glob("*/*.md"))
     monkeypatch.chdir(tmp_path)
     main(["replay", str(name), "--save", "run.rrd"])
-    assert capsys.readouterr().out == "run.rrd written\n"
+    *files, written = capsys.readouterr().out.splitlines()
+    recording = PRETRAINED.parent / "logs" / name / "generations.mcap"
+    assert files[0] == f"from {recording}, sha256 {file_hash(recording)}"
+    assert written == "run.rrd written"
     main(["export", str(name), "-o", "run.csv"])
     assert capsys.readouterr().out.startswith("run.csv: ")
     assert "seed77 cannot be read" in refused(capsys, "replay", "biped/seed77", "--save", "b.rrd")

@@ -10,6 +10,7 @@ The layout (`viewer.layout`) and the data (`viewer.data`) are made apart, both w
 A run is on the timeline `generation`, a rollout on the timeline `time` (s of simulated time).
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -37,6 +38,7 @@ def replay(
     screenshot: str | Path | None = None,
     at: float | None = None,
     web: tuple[str, int] | None = None,
+    say: Callable[[Path], None] = lambda path: None,
 ) -> None:
     """Open recordings in Rerun, or write them as an .rrd file or a picture, or serve them.
 
@@ -48,6 +50,7 @@ def replay(
             time; else a run's last generation, or the middle of a rollout.
         web: address and port to serve them at to browsers, until Ctrl-C, instead of opening a
             viewer.
+        say: called with the file of each recording that is shown, before it is.
 
     Raises:
         InputError: a file that cannot be read or written or that exists already,
@@ -61,6 +64,8 @@ def replay(
     layout = blueprint(recordings, names, for_picture=screenshot is not None)
     if not targets and not web:
         require_display()
+    for recording in recordings:
+        say(recording.path)
     rrd = _as_rrd(recordings, names, layout)
     if save is not None:
         write_atomically(save, rrd)
