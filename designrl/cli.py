@@ -13,6 +13,7 @@ from pathlib import Path
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import file_hash, is_locked, read_limited, require_new
+from designrl.numeric import whole_number
 from designrl.provenance import VERSION, core_count
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 from designrl.terminal import heed_signals, open_streams, unsaid
@@ -195,13 +196,16 @@ def _add_train(commands) -> None:
 def _evaluate(args) -> None:
     from tqdm import tqdm
 
-    from designrl.evaluation import evaluate
+    from designrl.evaluation import evaluate, worst
     from designrl.names import load
     from designrl.recording.table import check_target, write_table
 
     if args.output:
         check_target(args.output)
+    if args.worst is not None:
+        whole_number("--worst", args.worst, 1)
     agent = load(args.file, args.experiment)
+    changes = {"lidar": args.lidar} if args.lidar else {}
     with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
         result = evaluate(
             agent,
@@ -210,13 +214,15 @@ def _evaluate(args) -> None:
             args.workers,
             args.backend,
             progress=bar.update,
-            **({"lidar": args.lidar} if args.lidar else {}),
+            **changes,
         )
+    lowest = worst(agent, result, args.worst, **changes) if args.worst else []
     summary = result.summary()
     if args.output:
         write_table(result.table(), args.output)
     if args.json:
-        print(json.dumps(summary))
+        listed = {"worst": [ending._asdict() for ending in lowest]} if args.worst else {}
+        print(json.dumps({**summary, **listed}))
         return
     print(
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
@@ -224,6 +230,11 @@ def _evaluate(args) -> None:
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
     )
     _say_file(agent.file)
+    if lowest:
+        print(f"{'episode':>7} {'seed':>10} {'score':>7} {'steps':>5}  the lowest scores")
+    for e in lowest:
+        about = f"{e.ended} at {e.at:.1f} m"
+        print(f"{e.episode:7} {e.seed:10} {e.score:7.1f} {e.steps:5}  {about}")
 
 
 def _add_evaluate(commands) -> None:
@@ -235,6 +246,9 @@ def _add_evaluate(commands) -> None:
     evaluate.add_argument("--json", action="store_true", help="print one JSON object")
     evaluate.add_argument(
         "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
+    )
+    evaluate.add_argument(
+        "--worst", type=int, metavar="K", help="list the K lowest scores and what ended them"
     )
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     _workers(evaluate, evaluate)
@@ -261,7 +275,7 @@ def _add_import(commands) -> None:
 
 
 def _record(args) -> None:
-    from designrl.evaluation import check_episodes, episode_seeds
+    from designrl.evaluation import check_episodes, episode_seeds, evaluate
     from designrl.names import load
 
     if not (args.output or args.video):
@@ -277,6 +291,10 @@ def _record(args) -> None:
 
         check_target(args.video)
     agent = load(args.file, args.experiment)
+    if args.worst:
+        result = evaluate(agent, seed=args.seed, workers=core_count())
+        args.episode = int(result.scores.argmin())
+        print(f"episode {args.episode} has the lowest of {len(result.scores)} scores")
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     if args.output:
         from designrl.recording import record_rollout
@@ -300,7 +318,9 @@ def _add_record(commands) -> None:
     _agent_file(record)
     record.add_argument("-o", "--output", metavar="FILE.mcap")
     record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
-    record.add_argument(
+    which = record.add_mutually_exclusive_group()
+    which.add_argument("--worst", action="store_true", help="of 100, that with the lowest score")
+    which.add_argument(
         "--episode",
         type=int,
         default=0,

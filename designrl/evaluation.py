@@ -2,15 +2,19 @@
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
+from typing import NamedTuple
 
+import gymnasium
 import numpy as np
 
 from designrl.errors import InputError
 from designrl.files import file_hash
 from designrl.names import load
+from designrl.numeric import whole_number
 from designrl.policy import Agent
 from designrl.settings import MAX_EPISODES
 from designrl.simulation import Simulator
@@ -70,6 +74,59 @@ class Evaluation:
             "score": self.scores,
             "length": self.steps,
         }
+
+
+class Ending(NamedTuple):
+    """How an episode of an evaluation went.
+
+    Attributes:
+        episode: which, from 0.
+        seed: its own.
+        score, steps: as in the evaluation.
+        ended: by what, in words ("fell").
+        at: m that the body was from the origin then, forward.
+    """
+
+    episode: int
+    seed: int
+    score: float
+    steps: int
+    ended: str
+    at: float
+
+
+def worst(agent: Agent, result: Evaluation, count: int, **env_kwargs) -> list[Ending]:
+    """The episodes of the lowest scores, the lowest first, played again for what ended them.
+
+    Args:
+        agent: that `evaluate` scored.
+        result: what it gave.
+        count: of the episodes; all, where there are fewer.
+        env_kwargs: as in `evaluate`.
+
+    Raises:
+        InputError: a count that is no whole number from 1 on; or the reference environment plays
+            an episode otherwise than the engine, so that nobody knows what ended that.
+    """
+    count = whole_number("the number of lowest scores", count, 1)
+    seeds, found = episode_seeds(result.seed, len(result.scores)), []
+    options = {"disable_env_checker": True, **env_kwargs}
+    with closing(gymnasium.make(agent.experiment.env_id, **options)) as env:
+        for i in np.argsort(result.scores, kind="stable")[:count].tolist():
+            score, seed = 0.0, int(seeds[i])
+            for step in agent.play(env, seed):
+                score += step.reward
+            if score != result.scores[i]:
+                raise InputError(
+                    f"episode {i} has {result.scores[i]} points on the {result.backend} and "
+                    f"{score} on the reference, which alone tells what ended it; evaluate with "
+                    "--backend reference"
+                )
+            body, world = agent.experiment.body, env.unwrapped
+            ended = body.ending(world) if step.terminated else "reached the time limit"
+            at = float(body.poses(world)[0][0][0])
+            found.append(Ending(i, seed, score, step.t + 1, ended, at))
+    return found
 
 
 def episode_seeds(seed: int, count: int) -> np.ndarray:

@@ -97,6 +97,10 @@ class Body:
         """
         return None
 
+    def ending(self, env) -> str:
+        """What ended an episode that the environment has terminated, in words. Here: unknown."""
+        return "ended by its environment"
+
     def picture(self, env) -> np.ndarray:
         """(H, W, 3) uint8: the body from near by, as videos show it; H and W are even.
 

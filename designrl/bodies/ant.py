@@ -94,6 +94,9 @@ class AntBody(Body):
         """Poses of the parts' frames."""
         return env.body_poses()
 
+    def ending(self, env) -> str:
+        return "fell"
+
     def joint_states(self, env) -> tuple[list[float], list[float], list[float]]:
         """Angle, speed and torque of each joint."""
         return list(env.joint_angles), list(env.joint_speeds), list(env.torques)
