@@ -10,6 +10,7 @@ import sys
 import typing
 from pathlib import Path
 
+from designrl.design import in_words
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import file_hash, is_locked, read_limited, require_new
@@ -70,6 +71,32 @@ def _agent_file(sub) -> None:
 def _say_file(path: str | Path) -> None:
     """Name what was used: a name means another file in another folder or checkout."""
     print(printable(f"from {Path(path).absolute()}, sha256 {file_hash(path)}"))
+
+
+def _design(sub) -> None:
+    sub.add_argument(
+        "--design",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=SCALE",
+        help="change the agent's body, in scales of the original size: "
+        '"bottom leg 2 height=0.6"; several are allowed',
+    )
+
+
+def _design_of(args) -> dict[str, float] | None:
+    """What --design says, for `Agent.body_with`."""
+    named = {}
+    for text in args.design:
+        name, _, scale = text.rpartition("=")
+        try:
+            named[name.strip()] = float(scale)
+        except ValueError:
+            raise InputError(
+                f'--design {text!r} is no dimension and its scale; as "bottom leg 2 height=0.6"'
+            ) from None
+    return named or None
 
 
 def _require_suffix(path: str, suffix: str) -> None:
@@ -205,7 +232,7 @@ def _evaluate(args) -> None:
     if args.worst is not None:
         whole_number("--worst", args.worst, 1)
     agent = load(args.file, args.experiment)
-    changes = {"lidar": args.lidar} if args.lidar else {}
+    design, changes = _design_of(args), {"lidar": args.lidar} if args.lidar else {}
     with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
         result = evaluate(
             agent,
@@ -214,9 +241,10 @@ def _evaluate(args) -> None:
             args.workers,
             args.backend,
             progress=bar.update,
+            design=design,
             **changes,
         )
-    lowest = worst(agent, result, args.worst, **changes) if args.worst else []
+    lowest = worst(agent, result, args.worst, design, **changes) if args.worst else []
     summary = result.summary()
     if args.output:
         write_table(result.table(), args.output)
@@ -228,6 +256,7 @@ def _evaluate(args) -> None:
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
+        + (f"; not in its own body: {in_words(result.changed)}" if result.changed else "")
     )
     _say_file(agent.file)
     if lowest:
@@ -250,6 +279,7 @@ def _add_evaluate(commands) -> None:
     evaluate.add_argument(
         "--worst", type=int, metavar="K", help="list the K lowest scores and what ended them"
     )
+    _design(evaluate)
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     _workers(evaluate, evaluate)
 
@@ -290,23 +320,23 @@ def _record(args) -> None:
         from designrl.video import check_target, record_video
 
         check_target(args.video)
-    agent = load(args.file, args.experiment)
+    agent, design = load(args.file, args.experiment), _design_of(args)
     if args.worst:
-        result = evaluate(agent, seed=args.seed, workers=core_count())
+        result = evaluate(agent, seed=args.seed, workers=core_count(), design=design)
         args.episode = int(result.scores.argmin())
         print(f"episode {args.episode} has the lowest of {len(result.scores)} scores")
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     if args.output:
         from designrl.recording import record_rollout
 
-        score = record_rollout(agent, args.output, seed)
+        score = record_rollout(agent, args.output, seed, design=design)
         look = f"designrl replay {shlex.quote(args.output)}"
         print(printable(f"{args.output}: one episode, {score:.1f} points; look at it with: {look}"))
     if args.video:
         from tqdm import tqdm
 
         with tqdm(unit="picture", leave=False, disable=None) as bar:
-            score = record_video(agent, args.video, seed, bar.update)
+            score = record_video(agent, args.video, seed, bar.update, design)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
     _say_file(agent.file)
 
@@ -318,6 +348,7 @@ def _add_record(commands) -> None:
     _agent_file(record)
     record.add_argument("-o", "--output", metavar="FILE.mcap")
     record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
+    _design(record)
     which = record.add_mutually_exclusive_group()
     which.add_argument("--worst", action="store_true", help="of 100, that with the lowest score")
     which.add_argument(

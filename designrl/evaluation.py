@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
@@ -32,6 +32,7 @@ class Evaluation:
         design: (D,) scales of the body, or None where it is the original.
         seconds: wall time.
         backend: that played them, "engine" or "reference".
+        changed: names of the dimensions in which that body is not the agent's own -> their scales.
         file, sha256: the agent's, where it is from a file.
     """
 
@@ -42,6 +43,7 @@ class Evaluation:
     design: np.ndarray | None
     seconds: float
     backend: str = "reference"
+    changed: dict[str, float] = field(default_factory=dict)
     file: str | None = None
     sha256: str | None = None
 
@@ -59,6 +61,7 @@ class Evaluation:
             "steps": int(self.steps.sum()),
             "lengths": self.steps.tolist(),
             "design": None if self.design is None else self.design.tolist(),
+            "changed": self.changed,
             "seconds": self.seconds,
             "backend": self.backend,
             "file": self.file,
@@ -95,26 +98,29 @@ class Ending(NamedTuple):
     at: float
 
 
-def worst(agent: Agent, result: Evaluation, count: int, **env_kwargs) -> list[Ending]:
+def worst(
+    agent: Agent | str | Path, result: Evaluation, count: int, design=None, **env_kwargs
+) -> list[Ending]:
     """The episodes of the lowest scores, the lowest first, played again for what ended them.
 
     Args:
         agent: that `evaluate` scored.
         result: what it gave.
         count: of the episodes; all, where there are fewer.
-        env_kwargs: as in `evaluate`.
+        design, env_kwargs: as `evaluate` had them.
 
     Raises:
         InputError: a count that is no whole number from 1 on; or the reference environment plays
             an episode otherwise than the engine, so that nobody knows what ended that.
     """
+    agent = _agent(agent)
     count = whole_number("the number of lowest scores", count, 1)
     seeds, found = episode_seeds(result.seed, len(result.scores)), []
     options = {"disable_env_checker": True, **env_kwargs}
     with closing(gymnasium.make(agent.experiment.env_id, **options)) as env:
         for i in np.argsort(result.scores, kind="stable")[:count].tolist():
             score, seed = 0.0, int(seeds[i])
-            for step in agent.play(env, seed):
+            for step in agent.play(env, seed, design):
                 score += step.reward
             if score != result.scores[i]:
                 raise InputError(
@@ -134,6 +140,14 @@ def episode_seeds(seed: int, count: int) -> np.ndarray:
     return np.random.SeedSequence(seed).generate_state(count).astype(np.int64)
 
 
+def _agent(agent: Agent | str | Path) -> Agent:
+    if isinstance(agent, str | Path):
+        agent = load(agent)
+    if not isinstance(agent, Agent):
+        raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
+    return agent
+
+
 def check_episodes(episodes: int, seed: int) -> None:
     """Raise InputError where `evaluate` cannot take these."""
     whole = isinstance(episodes, Integral) and isinstance(seed, Integral)
@@ -151,6 +165,7 @@ def evaluate(
     workers: int = 1,
     backend: str = "engine",
     progress: Callable[[int], None] | None = None,
+    design=None,
     **env_kwargs,
 ) -> Evaluation:
     """Score an agent over `episodes` episodes; the paper's scores are over 100.
@@ -163,29 +178,33 @@ def evaluate(
             the usual `if __name__ == "__main__":`.
         backend, env_kwargs: as in `Simulator`.
         progress: called with the number of episodes that have ended since its last call.
+        design: the body to walk with, as `Agent.body_with` takes it; None: the agent's own.
 
     Raises:
-        InputError: episodes, seed, workers or backend out of range, or no agent.
+        InputError: episodes, seed, workers or backend out of range, no agent, or no design of its
+            body.
     """
     check_episodes(episodes, seed)
     episodes, seed = int(episodes), int(seed)
-    if isinstance(agent, str | Path):
-        agent = load(agent)
-    if not isinstance(agent, Agent):
-        raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
+    agent = _agent(agent)
+    scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()
     with Simulator(agent.experiment, backend, agent.network, workers, **env_kwargs) as simulator:
         result = simulator.rollout(
-            agent.parameters[None], episode_seeds(seed, episodes)[None], progress=progress
+            agent.parameters[None],
+            episode_seeds(seed, episodes)[None],
+            progress=progress,
+            design=scales,
         )
     return Evaluation(
         agent.experiment.name,
         seed,
         result.returns[0],
         result.steps[0],
-        agent.design,
+        agent.design if scales is None else scales,
         time.perf_counter() - start,
         simulator.backend,
+        {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
         agent.file and str(agent.file),
         agent.file and file_hash(agent.file),
     )

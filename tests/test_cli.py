@@ -10,10 +10,12 @@ import designrl
 from designrl.checkpoint import save
 from designrl.cli import main
 from designrl.errors import InputError
+from designrl.evaluation import episode_seeds, worst
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
+from designrl.recording import read
 from designrl.settings import TrainSettings
 
 
@@ -60,6 +62,25 @@ def test_evaluate_prints_one_json_object_with_the_scores_that_python_gives(check
     assert result["lengths"] == expected.steps.tolist() and sum(result["lengths"]) > 3
     assert result.keys() == expected.summary().keys()
     assert result.keys() > {"std", "min", "max", "steps", "seconds"}
+
+
+def test_a_body_can_be_changed_by_name(checkpoint, tmp_path, capsys):
+    changes = ["bottom leg 2 height=0.6", "top leg 1 width=1.5"]
+    words = ["--seed", "7", "--design", *changes]
+    main(["evaluate", str(checkpoint), "--episodes", "2", "--json", *words])
+    result = json.loads(capsys.readouterr().out)
+    named = {"bottom leg 2 height": 0.6, "top leg 1 width": 1.5}
+    assert result["changed"] == named and result["design"][0] == 1.5
+    expected = designrl.evaluate(checkpoint, episodes=2, seed=7, design=named)
+    assert result["scores"] == expected.scores.tolist()
+    main(["evaluate", str(checkpoint), "--episodes", "1", "--design", "top leg 1 width=1.5"])
+    assert "not in its own body: top leg 1 width = 1.5" in capsys.readouterr().out
+    recording = str(tmp_path / "r.mcap")
+    main(["record", str(checkpoint), "-o", recording, *words[:2], *("--design", changes[0])])
+    score = designrl.evaluate(checkpoint, episodes=1, seed=7, design={changes[0][:-4]: 0.6}).scores
+    assert f"{score[0]:.1f} points" in capsys.readouterr().out
+    main(["info", recording])
+    assert 'changed: {"bottom leg 2 height": 0.6}' in capsys.readouterr().out
 
 
 def test_import_writes_a_checkpoint_and_never_overwrites(tmp_path, capsys):
@@ -109,8 +130,11 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("replay r.mcap --save r.png", "r.png would not be opened as what it is"),
         ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),
+        ("evaluate agent.safetensors --design height", "is no dimension and its scale"),
+        ("record agent.safetensors -o r.mcap --design height=1", "no dimension 'height'"),
         ("evaluate biped", "biped is an experiment; name an agent of"),
         ("train biped --recipe plain --sigma-change-max 0.1", "sigma-change-max is part of"),
+        ("evaluate agent.safetensors --worst 0", "--worst is 0; it must be a whole number from 1"),
         ("record agent.safetensors", "-o FILE.mcap, --video FILE.mp4, or both"),
         ("record agent.safetensors -o r.mcap --video r.avi", "no video; give it a name in .mp4"),
         ("replay r.mcap --at 3", "--headless-screenshot"),
@@ -218,6 +242,35 @@ def test_evaluate_takes_a_file_and_says_what_it_wants(checkpoint):
     assert scores == designrl.evaluate(load(checkpoint), episodes=1).scores
     with pytest.raises(InputError, match="the agent is None; give one from designrl.load"):
         designrl.evaluate(None)
+
+
+def test_the_lowest_scores_are_listed_with_what_ended_them_and_filmed(tmp_path, capsys):
+    name = "biped-hardcore/seed0"
+    main(["evaluate", name, "--worst", "3", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    lowest = np.argsort(found["scores"])[:3].tolist()
+    assert [e["episode"] for e in found["worst"]] == lowest
+    for ending in found["worst"]:
+        i = ending["episode"]
+        assert (ending["score"], ending["steps"]) == (found["scores"][i], found["lengths"][i])
+        assert ending["seed"] == episode_seeds(0, 100)[i]
+    assert found["worst"][0]["ended"] == "fell"
+    main(["record", name, "--worst", "-o", str(tmp_path / "r.mcap")])
+    assert f"episode {lowest[0]} has the lowest of 100 scores\n" in capsys.readouterr().out
+    assert float(read(tmp_path / "r.mcap").metadata["score"]) == min(found["scores"])
+
+
+def test_what_ends_an_episode_is_told_apart():
+    agent = load("biped/seed0")
+    parameters = np.zeros(agent.parameters.size)
+    for policy, ended in (
+        (agent, "reached the end"),
+        (Agent(agent.experiment, parameters), "fell"),
+    ):
+        (ending,) = worst(policy, designrl.evaluate(policy, episodes=1), 1)
+        assert ending.ended == ended
+    (ending,) = worst("ant/seed0", designrl.evaluate("ant/seed0", episodes=1), 1)
+    assert ending.ended == "reached the time limit" and ending.steps == 1000 and ending.at > 10
 
 
 def test_import_says_which_experiments_a_file_does_not_tell_apart(tmp_path, capsys):
