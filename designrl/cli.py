@@ -70,7 +70,7 @@ def _agent_file(sub) -> None:
 
 def _say_file(path: str | Path) -> None:
     """Name what was used: a name means another file in another folder or checkout."""
-    print(printable(f"from {Path(path).absolute()}, sha256 {file_hash(path)}"))
+    remark(f"from {Path(path).absolute()}, sha256 {file_hash(path)}")
 
 
 def _design(sub) -> None:
@@ -424,6 +424,35 @@ def _add_replay(commands) -> None:
     replay.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090)")
 
 
+def _compare(args) -> None:
+    from designrl import compare
+    from designrl.recording.table import SUFFIXES, check_target, write_table
+
+    for path in filter(None, [args.output]):
+        (check_target if Path(path).suffix in SUFFIXES else compare.check_target)(path)
+    runs = compare.read_runs(args.runs)
+    print("\n".join(map(printable, compare.summary(runs).splitlines())))
+    for run in runs:
+        _say_file(run.path)
+    if args.output and Path(args.output).suffix in SUFFIXES:
+        write_table(compare.curves(runs), args.output)
+    elif args.output:
+        compare.picture(runs, args.output)
+    if args.output:
+        print(printable(f"{args.output} written"))
+
+
+def _add_compare(commands) -> None:
+    compare = _command(commands, "compare", _compare, "compare how runs learned")
+    compare.add_argument("runs", nargs="+", metavar="RUN|NAME", help="folders, recordings or names")
+    compare.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE.png",
+        help="the curves; also .svg, .pdf, .csv, .parquet",
+    )
+
+
 def _info(args) -> None:
     from designrl.names import find
 
@@ -513,6 +542,7 @@ def parser() -> argparse.ArgumentParser:
     _add_import(commands)
     _add_record(commands)
     _add_replay(commands)
+    _add_compare(commands)
     _add_export(commands)
     _add_info(commands)
     _add_checkpoints(commands)
@@ -520,7 +550,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 # Commands whose answer is what they print: it must not be lost in silence.
-ANSWERS = _experiments, _evaluate, _info, _checkpoints
+ANSWERS = _experiments, _evaluate, _compare, _info, _checkpoints
 
 
 def main(argv: list[str] | None = None) -> None:

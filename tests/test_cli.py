@@ -211,7 +211,7 @@ def test_what_hides_a_published_agent_is_named(checkpoint, tmp_path, capsys, mon
     (tmp_path / "biped").mkdir()
     hiding = checkpoint.rename(tmp_path / "biped" / "seed0")
     main(["evaluate", "biped/seed0", "--episodes", "1"])
-    assert f"from {hiding}, sha256 {file_hash(hiding)}\n" in capsys.readouterr().out
+    assert capsys.readouterr().err == f"from {hiding}, sha256 {file_hash(hiding)}\n"
     main(["evaluate", "biped/seed0", "--episodes", "1", "--json"])
     found = json.loads(capsys.readouterr().out)
     assert (found["file"], found["sha256"]) == (str(hiding), file_hash(hiding))
@@ -221,10 +221,10 @@ def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkey
     name = next(path.relative_to(PRETRAINED).with_suffix("") for path in PRETRAINED.glob("*/*.md"))
     monkeypatch.chdir(tmp_path)
     main(["replay", str(name), "--save", "run.rrd"])
-    *files, written = capsys.readouterr().out.splitlines()
+    out, err = capsys.readouterr()
     recording = PRETRAINED.parent / "logs" / name / "generations.mcap"
-    assert files[0] == f"from {recording}, sha256 {file_hash(recording)}"
-    assert written == "run.rrd written"
+    assert err.splitlines()[0] == f"from {recording}, sha256 {file_hash(recording)}"
+    assert out == "run.rrd written\n"
     main(["export", str(name), "-o", "run.csv"])
     assert capsys.readouterr().out.startswith("run.csv: ")
     assert "seed77 cannot be read" in refused(capsys, "replay", "biped/seed77", "--save", "b.rrd")

@@ -156,7 +156,8 @@ class RolloutWriter:
                 key = f"/{kind.DESCRIPTOR.name.lower()} {field}"
                 shapes[key] = np.shape(value)
                 if self._shapes is None:
-                    expected[key] = (len(names),) if names and shapes[key] else shapes[key]
+                    is_scalar = field in ("reward", "total")
+                    expected[key] = (len(names),) if names and not is_scalar else shapes[key]
         wrong = [key for key in {**expected, **shapes} if expected.get(key) != shapes.get(key)]
         if wrong:
             key = wrong[0]

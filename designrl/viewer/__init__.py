@@ -4,6 +4,7 @@
     designrl replay runs/biped-morphology/seed0          # a run's folder: learning and rollouts
     designrl replay a.mcap b.mcap --save both.rrd
     designrl replay rollout.mcap --headless-screenshot picture.png
+    designrl replay biped/seed0 biped/seed1              # their learning curves in one plot, too
     designrl replay rollout.mcap --web                   # in a browser, also through ssh
 
 The layout (`viewer.layout`) and the data (`viewer.data`) are made apart, both without a window.
@@ -22,10 +23,10 @@ from designrl.errors import InputError, remark
 from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
-from designrl.viewer.data import log_recording
+from designrl.viewer.data import log_comparison, log_recording
 from designrl.viewer.display import require_display
 from designrl.viewer.executable import Rerun
-from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
+from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation, runs_of
 from designrl.viewer.picture import take_picture
 from designrl.viewer.web import serve
 
@@ -50,7 +51,7 @@ def replay(
             time; else a run's last generation, or the middle of a rollout.
         web: address and port to serve them at to browsers, until Ctrl-C, instead of opening a
             viewer.
-        say: called with the file of each recording that is shown, before it is.
+        say: called with the file of each recording that is shown.
 
     Raises:
         InputError: a file that cannot be read or written or that exists already,
@@ -64,13 +65,13 @@ def replay(
     layout = blueprint(recordings, names, for_picture=screenshot is not None)
     if not targets and not web:
         require_display()
-    for recording in recordings:
-        say(recording.path)
     rrd = _as_rrd(recordings, names, layout)
     if save is not None:
         write_atomically(save, rrd)
     if screenshot is not None:
         write_atomically(screenshot, take_picture(rrd, *_moment(recordings[0], at)))
+    for recording in recordings:
+        say(recording.path)
     if web is not None:
         serve(rrd, *web)
     elif not targets:
@@ -122,6 +123,8 @@ def _moment(recording: Recording, at: float | None) -> tuple[str, int | float]:
 def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[str]) -> None:
     for recording, name in zip(recordings, names, strict=True):
         log_recording(stream, recording, name)
+    if len(runs := runs_of(recordings)) > 1:
+        log_comparison(stream, runs)
     stream.flush()
 
 

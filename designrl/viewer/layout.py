@@ -11,6 +11,7 @@ from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.recording import Recording
 
+COMPARED = "runs_compared"  # entity of what several runs have in one plot
 GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
 RUN_SECONDS = 30.0  # s of a viewer's time to play a whole run
 NEAR_CURSOR = (-4.0, 1.0, 4.5)  # s from the cursor: first and last data shown, end of the axis
@@ -70,6 +71,8 @@ def blueprint(
     hints = ["" if r.kind == first.kind else HINTS[r.kind] for r in recordings]
     each = zip(recordings, names, titles, hints, strict=True)
     tabs = [makers[r.kind](r, *about) for r, *about in each]
+    if len(runs := runs_of(recordings)) > 1:
+        tabs.insert(0, comparison_layout(runs, "" if first.kind == "run" else HINTS["run"]))
     panel = {"timeline": TIME}
     if first.kind == "run":
         panel = {"timeline": GENERATION, "fps": max(1.0, last_generation(first) / RUN_SECONDS)}
@@ -80,6 +83,23 @@ def blueprint(
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="hidden" if for_picture else "expanded"),
     )
+
+
+def runs_of(recordings: list[Recording]) -> list[Recording]:
+    """Those of training runs."""
+    return [recording for recording in recordings if len(recording.generations)]
+
+
+def comparison_layout(runs: list[Recording], hint: str = "") -> rrb.Container:
+    """The learning curves of several runs, one over the other."""
+    axis = _whole(max(map(last_generation, runs)), WIDE)
+    plots = [
+        _plot(f"best evaluation so far, points{hint}", f"{COMPARED}/evaluation", axis),
+        _plot("population's mean return in training", f"{COMPARED}/population", axis),
+    ]
+    if not any(run.topics.get("/evaluation") for run in runs):
+        del plots[0]
+    return rrb.Vertical(*plots, name=f"{len(runs)} runs compared")
 
 
 def tab_titles(recordings: list[Recording]) -> list[str]:
