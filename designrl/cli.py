@@ -507,6 +507,24 @@ def _add_export(commands) -> None:
     )
 
 
+def _publish(args) -> None:
+    try:
+        from reproduce.publish import publish
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"publishing writes into a clone of designrl's repository, set up with `make setup`; "
+            f"this is none ({error})"
+        ) from None
+    print(printable(publish(Path(args.run), args.name)))
+
+
+def _add_publish(commands) -> None:
+    about = "write a run's agent, card and recording into the clone's folders pretrained and logs"
+    publish = _command(commands, "publish", _publish, about)
+    publish.add_argument("run", metavar="RUN", help="its folder")
+    publish.add_argument("--name", required=True, help='"seedK", or "paper-seedK" (its settings)')
+
+
 def _checkpoints(_args) -> None:
     from designrl.names import our_agents
 
@@ -544,6 +562,7 @@ def parser() -> argparse.ArgumentParser:
     _add_replay(commands)
     _add_compare(commands)
     _add_export(commands)
+    _add_publish(commands)
     _add_info(commands)
     _add_checkpoints(commands)
     return top
