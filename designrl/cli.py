@@ -68,6 +68,15 @@ def _agent_file(sub) -> None:
     sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
 
 
+def _load(args):
+    """The agent that `_agent_file`'s arguments mean."""
+    from designrl.names import find, load
+
+    if find(args.file).suffix == ".json" and not args.experiment:
+        raise InputError(f"{args.file} does not say what it was trained for; add --experiment NAME")
+    return load(args.file, args.experiment)
+
+
 def _say_file(path: str | Path) -> None:
     """Name what was used: a name means another file in another folder or checkout."""
     remark(f"from {Path(path).absolute()}, sha256 {file_hash(path)}")
@@ -224,14 +233,13 @@ def _evaluate(args) -> None:
     from tqdm import tqdm
 
     from designrl.evaluation import evaluate, worst
-    from designrl.names import load
     from designrl.recording.table import check_target, write_table
 
     if args.output:
         check_target(args.output)
     if args.worst is not None:
         whole_number("--worst", args.worst, 1)
-    agent = load(args.file, args.experiment)
+    agent = _load(args)
     design, changes = _design_of(args), {"lidar": args.lidar} if args.lidar else {}
     with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
         result = evaluate(
@@ -306,7 +314,6 @@ def _add_import(commands) -> None:
 
 def _record(args) -> None:
     from designrl.evaluation import check_episodes, episode_seeds, evaluate
-    from designrl.names import load
 
     if not (args.output or args.video):
         raise InputError("name what to write: -o FILE.mcap, --video FILE.mp4, or both")
@@ -320,7 +327,7 @@ def _record(args) -> None:
         from designrl.video import check_target, record_video
 
         check_target(args.video)
-    agent, design = load(args.file, args.experiment), _design_of(args)
+    agent, design = _load(args), _design_of(args)
     if args.worst:
         result = evaluate(agent, seed=args.seed, workers=core_count(), design=design)
         args.episode = int(result.scores.argmin())

@@ -76,8 +76,8 @@ def load(name: str | Path, experiment: str | None = None) -> Agent:
         agent = checkpoint.load(path, experiment)
     elif experiment is None:
         raise InputError(
-            f"{path} does not say what it was trained for; name its experiment "
-            '(--experiment NAME; in Python, load(path, "NAME"))'
+            f"{path} does not say what it was trained for; give designrl.load the name of its "
+            "experiment, too"
         )
     else:
         agent = load_author(path, get_experiment(experiment))

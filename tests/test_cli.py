@@ -280,6 +280,27 @@ def test_import_says_which_experiments_a_file_does_not_tell_apart(tmp_path, caps
     assert "could as well be of biped-hardcore\n" in capsys.readouterr().out
 
 
+def test_the_other_ant_of_2018_is_told_apart(tmp_path, capsys):
+    other, ours = tmp_path / "other.json", tmp_path / "ours.json"
+    for path, network in zip((other, ours), get_experiment("ant").networks, strict=True):
+        path.write_text(json.dumps([[0.0] * get_experiment("ant").parameters_with(network), 1.0]))
+        main(["import", str(path), "--experiment", "ant", "-o", f"{path}.safetensors"])
+        doubted = "bullet_ant" in capsys.readouterr().err
+        main(["info", str(path)])
+        assert doubted == ("bullet_ant" in capsys.readouterr().out) == (path == other)
+
+
+def test_without_an_experiment_a_command_asks_for_its_option_and_python_for_a_name(
+    tmp_path, capsys
+):
+    (tmp_path / "a.json").write_text(json.dumps([[0.0] * 2804, 1.0]))
+    for command in (["evaluate"], ["record", "-o", tmp_path / "a.mcap"]):
+        assert "add --experiment NAME" in refused(capsys, *command, tmp_path / "a.json")
+    with pytest.raises(InputError, match="give designrl.load the name") as caught:
+        load(tmp_path / "a.json")
+    assert "--" not in str(caught.value)
+
+
 def test_a_busy_folder_is_said_at_once(tmp_path, capsys):
     with (tmp_path / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
