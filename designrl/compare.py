@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.table import Table, table
@@ -207,11 +207,6 @@ def _plain(text: str) -> str:
 
 
 def _matplotlib():
-    try:
+    with optional("pictures of curves", "view"):
         from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError(
-            "a picture of curves needs Matplotlib (pip install matplotlib); a .csv needs nothing "
-            "more"
-        ) from None
     return Figure

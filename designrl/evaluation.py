@@ -116,7 +116,7 @@ def worst(
     agent = _agent(agent)
     count = whole_number("the number of lowest scores", count, 1)
     seeds, found = episode_seeds(result.seed, len(result.scores)), []
-    options = {"disable_env_checker": True, **env_kwargs}
+    options = {"disable_env_checker": True, **agent.env_kwargs, **env_kwargs}
     with closing(gymnasium.make(agent.experiment.env_id, **options)) as env:
         for i in np.argsort(result.scores, kind="stable")[:count].tolist():
             score, seed = 0.0, int(seeds[i])
@@ -189,7 +189,8 @@ def evaluate(
     agent = _agent(agent)
     scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()
-    with Simulator(agent.experiment, backend, agent.network, workers, **env_kwargs) as simulator:
+    about = agent.experiment, backend, agent.network, workers
+    with Simulator(*about, space=agent.space, **env_kwargs) as simulator:
         result = simulator.rollout(
             agent.parameters[None],
             episode_seeds(seed, episodes)[None],

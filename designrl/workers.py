@@ -24,7 +24,7 @@ from functools import partial
 
 import numpy as np
 
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.provenance import sources_hash
 
 MAX_FAILURES = 3  # of one task, before it is blamed and not its workers
@@ -248,13 +248,8 @@ class RayWorkers:
     def __init__(self, address: str):
         if address == "local":
             os.environ |= LOCAL_RAY
-        try:
+        with optional("Ray", "ray", "pip install -c requirements-extras.lock ray"):
             import ray
-        except ImportError:
-            raise InputError(
-                "Ray is not installed; install it in designrl's checkout with: "
-                "pip install -c requirements-extras.lock ray"
-            ) from None
         self._ray, self._is_ours = ray, not ray.is_initialized()
         if self._is_ours:
             self._join(address)
