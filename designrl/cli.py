@@ -544,13 +544,21 @@ def _checkpoints(_args) -> None:
     from designrl.names import our_agents
 
     for name, about in our_agents().items():
+        experiment = get_experiment(name.partition("/")[0])
+        mean, std = experiment.score
         print(
-            f"{name:44} {about['mean']:.1f} ± {about['std']:.1f} over {about['episodes']} episodes"
+            f"{name:44} ({experiment.letter}) {about['mean']:6.1f} ± {about['std']:5.1f} over "
+            f"{about['episodes']} episodes; the paper's runs {mean:g} ± {std:g}"
         )
 
 
 def _add_checkpoints(commands) -> None:
-    _command(commands, "checkpoints", _checkpoints, "list the published agents and their scores")
+    _command(
+        commands,
+        "checkpoints",
+        _checkpoints,
+        "list the published agents and their scores, beside the paper's",
+    )
 
 
 def parser() -> argparse.ArgumentParser:

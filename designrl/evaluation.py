@@ -20,7 +20,7 @@ from designrl.settings import MAX_EPISODES
 from designrl.simulation import Simulator
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evaluation:
     """What an agent scored.
 
@@ -46,6 +46,12 @@ class Evaluation:
     changed: dict[str, float] = field(default_factory=dict)
     file: str | None = None
     sha256: str | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<Evaluation of {self.experiment}: {self.scores.mean():.1f} ± {self.scores.std():.1f} "
+            f"over {len(self.scores)} episodes, seed {self.seed}, on the {self.backend}>"
+        )
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""

@@ -154,6 +154,10 @@ class Agent:
 
     file: Path | None = None
 
+    def __repr__(self) -> str:
+        where = f", from {self.file}" if self.file else ""
+        return f"<Agent of {self.experiment.name}, {self.parameters.size} parameters{where}>"
+
     def __reduce__(self):  # the compiled forward pass cannot be pickled
         about = self.experiment, self.parameters, self.network, self.metadata, self.space
         return Agent, about

@@ -1,5 +1,6 @@
 import fcntl
 import json
+import re
 import subprocess
 import sys
 
@@ -190,7 +191,11 @@ def test_help_needs_no_heavy_import():
 
 def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, capsys, monkeypatch):
     main(["checkpoints"])
-    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    lines = capsys.readouterr().out.splitlines()
+    assert all(
+        re.search(r" \([a-h]\) .* episodes; the paper's runs \d+ ± ", line) for line in lines
+    )
+    names = [line.split()[0] for line in lines]
     published = {path.relative_to(PRETRAINED) for path in PRETRAINED.glob("*/*.safetensors")}
     assert {f"{name}.safetensors" for name in names} == set(map(str, published))
     expected = load(PRETRAINED / f"{names[0]}.safetensors").parameters
@@ -290,6 +295,17 @@ def test_the_other_ant_of_2018_is_told_apart(tmp_path, capsys):
         doubted = "bullet_ant" in capsys.readouterr().err
         main(["info", str(path)])
         assert doubted == ("bullet_ant" in capsys.readouterr().out) == (path == other)
+
+
+def test_things_say_what_they_are(tmp_path):
+    agent = load("biped/seed0")
+    assert repr(agent) == f"<Agent of biped, 2804 parameters, from {agent.file}>"
+    said = repr(designrl.evaluate(agent, episodes=2))
+    assert re.fullmatch(
+        r"<Evaluation of biped: 34\d\.\d ± \d\.\d over 2 episodes, seed 0, on the \w+>", said
+    )
+    recording = read("biped/seed0")
+    assert repr(recording) == f"<Recording of a training run of biped, {recording.path}>"
 
 
 def test_without_an_experiment_a_command_asks_for_its_option_and_python_for_a_name(

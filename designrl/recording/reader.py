@@ -63,6 +63,10 @@ class Recording(Scan):
                 return kind
         return "unknown"
 
+    def __repr__(self) -> str:
+        about = self.metadata.get("experiment", "nothing that we know")[:MAX_NAME]
+        return printable(f"<{_KINDS[self.kind].capitalize()} of {about}, {self.path}>")
+
     @property
     def metadata(self) -> dict[str, str]:
         """What the file says of its run or rollout."""

@@ -132,12 +132,13 @@ def last_generation(recording: Recording) -> int:
 def rollout_layout(recording: Recording, name: str, title: str, hint: str = "") -> rrb.Container:
     """The body from its side, and below it what it gets, does and feels."""
     root = entity(name)
+    body = body_of(recording)
     plots = [
-        _plot_near_cursor(about, f"{root}{topic}")
-        for topic, about in (
-            ("/reward", "reward terms, points per step"),
-            ("/action", "actions"),
-            ("/joints", "joint angles, rad"),
+        _plot_near_cursor(about, f"{root}{topic}", share)
+        for topic, about, share in (
+            ("/reward", "reward terms, points per step", 1.0),
+            ("/action", "actions", body.action_seconds / Body.action_seconds),
+            ("/joints", "joint angles, rad", 1.0),
         )
         if recording.topics.get(topic)
     ]
@@ -150,9 +151,8 @@ def rollout_layout(recording: Recording, name: str, title: str, hint: str = "") 
         plot_legend=rrb.PlotLegend(visible=False),
         axis_x=_whole(recording.seconds, 0.0),
     )
-    eye = body_of(recording).rollout_eye
     return rrb.Vertical(
-        _scene(about + hint, f"{root}/world/follow", f"{root}/world/**", eye),
+        _scene(about + hint, f"{root}/world/follow", f"{root}/world/**", body.rollout_eye),
         rrb.Horizontal(score, *plots),
         row_shares=[2, 1],
         name=title,
@@ -227,9 +227,9 @@ def _plot(title: str, origin: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(name=title, origin=origin, plot_legend=LEGEND, axis_x=axis)
 
 
-def _plot_near_cursor(title: str, origin: str) -> rrb.TimeSeriesView:
+def _plot_near_cursor(title: str, origin: str, share: float) -> rrb.TimeSeriesView:
     at = rrb.TimeRangeBoundary.cursor_relative
-    before, after, end = (at(seconds=seconds) for seconds in NEAR_CURSOR)
+    before, after, end = (at(seconds=share * seconds) for seconds in NEAR_CURSOR)
     return rrb.TimeSeriesView(
         name=title,
         origin=origin,
