@@ -12,13 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from designrl.checkpoint import read_bounded
-from designrl.errors import InputError, printable
+from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, Experiment
 from designrl.files import file_hash
 from designrl.policy import Agent
 from designrl.provenance import versions
 
 RUNS = 10
+# As many numbers as an agent of `ant` with the paper's network; the published ants have another.
+BULLET_ANT = (
+    "has the size of estool's bullet_ant, an agent of PyBullet's AntBulletEnv-v0; that is another "
+    "world than the paper's ant has, and scores here say nothing of such an agent"
+)
 # Experiment -> its run 1 in the folder zoo/, and its runs 2 to 10 in zoo/more/, followed there by
 # their number.
 FILES = {
@@ -94,9 +99,17 @@ def load_author(path: str | Path, experiment: Experiment) -> Agent:
         "versions": versions(),
     }
     try:
-        return Agent(experiment, parameters, network, metadata)
+        agent = Agent(experiment, parameters, network, metadata)
     except InputError as error:
         raise InputError(f"{path} cannot be used as {experiment.name}: {error}") from None
+    if _is_bullet_ant(parameters):
+        remark(f"{path} {BULLET_ANT}")
+    return agent
+
+
+def _is_bullet_ant(parameters: np.ndarray) -> bool:
+    ant = EXPERIMENTS["ant"]
+    return parameters.size == ant.parameters_with(ant.network)
 
 
 def fitting(parameters: int) -> list[str]:
@@ -133,4 +146,5 @@ def describe(path: str | Path) -> str:
     about = "no score" if score is None else f"score {score:.2f}"
     text = f"{path}: the author's weights of 2018, {parameters.size} numbers, {about}"
     fits = ", ".join(fitting(parameters.size)) or "none"
-    return printable(f"{text}; experiments with as many: {fits}")
+    doubt = f"; it {BULLET_ANT}" if _is_bullet_ant(parameters) else ""
+    return printable(f"{text}; experiments with as many: {fits}{doubt}")

@@ -274,6 +274,26 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
     assert "processes do not start" in last and 'if __name__ == "__main__":' in last
 
 
+def test_an_environment_of_a_notebook_runs_in_worker_processes_too():
+    code = (  # whose classes no other process can import
+        "import dataclasses, gymnasium, numpy as np\n"
+        "from designrl.envs.walker import Walker\n"
+        "from designrl.experiments import get_experiment\n"
+        "from designrl.simulation import Simulator\n"
+        "class Mine(Walker): pass\n"
+        "gymnasium.register('Mine-v0', entry_point=Mine, max_episode_steps=20)\n"
+        "mine = dataclasses.replace(get_experiment('biped'), name='mine', env_id='Mine-v0')\n"
+        "candidates, seeds = np.zeros((2, 2804)), np.arange(4).reshape(2, 2)\n"
+        "for workers in (1, 2):\n"
+        "    with Simulator(mine, 'reference', workers=workers) as simulator:\n"
+        "        print(simulator.rollout(candidates, seeds).returns.tolist())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    alone, beside = done.stdout.splitlines()
+    assert alone == beside
+
+
 def test_workers_end_when_their_parent_is_killed(tmp_path):
     code = (
         "import sys; sys.path.insert(0, 'tests'); from test_simulation import *\n"
