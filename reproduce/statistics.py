@@ -6,7 +6,9 @@ probability of improvement (that a run with it beats one without, ties half), bo
 and per run of ours over its rollouts. Makes the tables statistics and intervals.
 """
 
+import functools
 import itertools
+import math
 
 import numpy as np
 
@@ -22,28 +24,62 @@ PAIRS = (
     ("biped-hardcore", "biped-hardcore-morphology"),
     ("biped-hardcore", "biped-hardcore-morphology-smaller-leg"),
 )
-RESAMPLES = 20_000
+RESAMPLES = 20_000  # drawn where there are too many to count
+EXACT = 1_000_000  # resamples, or pairs of them, that are all counted
 SIGNIFICANT = 0.05  # a p below it decides
+COUNTED = (
+    f"all resamples are counted, in proportion to their probability, where these are {EXACT:,} at "
+    f"most; else {RESAMPLES:,} are drawn"
+)
 LEVEL = (2.5, 97.5)  # percentiles: a 95 % interval
 
 
-def resampled(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(RESAMPLES, n): rows drawn with replacement from (n,) values."""
-    return values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
+@functools.cache
+def all_resamples(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Every resample of n values once: how often it has each (R, n), and its probability (R,)."""
+    drawn = itertools.combinations_with_replacement(range(n), n)
+    counts = np.array([np.bincount(indices, minlength=n) for indices in drawn])
+    ways = [math.factorial(n) / math.prod(map(math.factorial, row)) for row in counts.tolist()]
+    return counts, np.array(ways) / n**n
+
+
+def resamples(*sizes: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Resamples of samples of some sizes, as `all_resamples` gives them, for each size.
+
+    Up to EXACT combinations of resamples all are counted. Beyond that RESAMPLES of each are drawn,
+    all with the same probability, and the first of one sample belongs to the first of the other.
+    """
+    if exactly(*sizes):
+        return [all_resamples(n) for n in sizes]
+    rng = np.random.default_rng(0)
+    return [
+        (rng.multinomial(n, np.full(n, 1 / n), RESAMPLES), np.full(RESAMPLES, 1 / RESAMPLES))
+        for n in sizes
+    ]
+
+
+def exactly(*sizes: int) -> bool:
+    """Whether all combinations of resamples of samples of these sizes are counted."""
+    return math.prod(math.comb(2 * n - 1, n) for n in sizes) <= EXACT
+
+
+def interval_of(values: np.ndarray, chances: np.ndarray) -> tuple[float, float]:
+    """LEVEL's percentiles of values with these probabilities."""
+    found = np.percentile(values, LEVEL, weights=chances, method="inverted_cdf")
+    return tuple(found.tolist())
 
 
 def mean_interval(values: np.ndarray) -> tuple[float, float]:
     """Bootstrap 95 % interval of the mean of (n,) values; (NaN, NaN) for fewer than two."""
     if len(values) < 2:
         return np.nan, np.nan
-    means = resampled(values, np.random.default_rng(0)).mean(axis=1)
-    return tuple(np.percentile(means, LEVEL).tolist())
+    [(counts, chances)] = resamples(len(values))
+    return interval_of(counts @ values / len(values), chances)
 
 
-def probability_of_improvement(without: np.ndarray, with_: np.ndarray) -> np.ndarray:
-    """P(with > without) + P(equal) / 2 over all pairs, of values (..., n) and (..., m)."""
-    difference = with_[..., :, None] - without[..., None, :]
-    return ((np.sign(difference) + 1) / 2).mean(axis=(-2, -1))
+def improvements(without: np.ndarray, with_: np.ndarray) -> np.ndarray:
+    """(n, m): 1 where the run with a learned body is better, 0 where worse, 1/2 where equal."""
+    return (np.sign(with_[None, :] - without[:, None]) + 1) / 2
 
 
 def permutation_p(without: np.ndarray, with_: np.ndarray) -> float:
@@ -65,16 +101,24 @@ def compare(without: np.ndarray, with_: np.ndarray) -> dict:
     }
     values = [np.nan] * 6
     if min(len(without), len(with_)) > 1:
-        rng = np.random.default_rng(0)
-        a, b = resampled(without, rng), resampled(with_, rng)
+        (a, chances), (b, chances_b) = resamples(len(without), len(with_))
+        means, means_b = a @ without / len(without), b @ with_ / len(with_)
+        better = improvements(without, with_)
+        if exactly(len(without), len(with_)):  # each resample of one side with each of the other
+            differences = np.subtract.outer(means_b, means).T
+            probabilities = a @ better @ b.T
+            chances = np.outer(chances, chances_b)
+        else:
+            differences = means_b - means
+            probabilities = np.einsum("ri,ij,rj->r", a, better, b, optimize=True)
         values = [
-            *np.percentile(b.mean(axis=1) - a.mean(axis=1), LEVEL).tolist(),
-            float(probability_of_improvement(without, with_)),
-            *np.percentile(probability_of_improvement(a, b), LEVEL).tolist(),
+            *interval_of(differences.ravel(), chances.ravel()),
+            float(better.mean()),
+            *interval_of(probabilities.ravel() / better.size, chances.ravel()),
             permutation_p(without, with_),
         ]
-    chances = ("probability", "probability_low", "probability_high")
-    names = ("difference_low", "difference_high", *chances, "p")
+    limits = ("probability", "probability_low", "probability_high")
+    names = ("difference_low", "difference_high", *limits, "p")
     return result | dict(zip(names, values, strict=True))
 
 
@@ -132,7 +176,7 @@ def pairs(means: Means, ours: list[scores.Score]) -> Table:
         ],
         rows=rows,
         notes=[
-            f"Brackets: bootstrap 95 % intervals over runs ({RESAMPLES:,} resamples, percentiles). "
+            f"Brackets: bootstrap 95 % intervals over runs (percentiles; {COUNTED}). "
             "Probability of improvement: that a run with a learned body scores above one without, "
             "ties counted half. p: two-sided permutation test of the difference. Where every run "
             "of one side beats every run of the other, the bootstrap cannot see beyond 100 %; p "
@@ -172,9 +216,9 @@ def intervals(means: Means, ours: list[scores.Score]) -> Table:
         header=["Experiment", "", "Over", "Mean", "95 % interval", "Median"],
         rows=rows,
         notes=[
-            f"Bootstrap 95 % intervals of the mean ({RESAMPLES:,} resamples, percentiles): over "
-            "runs they say how well these runs tell the mean of many such (two or three hardly), "
-            "over rollouts how well one agent's score is known."
+            f"Bootstrap 95 % intervals of the mean (percentiles; {COUNTED}). Over runs they say "
+            "how well these runs tell the mean of many such (two or three hardly), over rollouts "
+            "how well one agent's score is known."
         ],
         records=records,
         scores=ours,

@@ -2,6 +2,7 @@
 
 import csv
 import html
+import itertools
 import json
 import re
 import runpy
@@ -368,7 +369,31 @@ def test_wrong_zoo_says_what_was_looked_for(monkeypatch, tmp_path):
 
 def test_probability_of_improvement_counts_ties_half():
     a, b = np.array([1.0, 2.0]), np.array([2.0, 3.0])
-    assert statistics.probability_of_improvement(a, b) == (1 + 0.5 + 1 + 1) / 4
+    assert statistics.compare(a, b)["probability"] == (1 + 0.5 + 1 + 1) / 4
+
+
+def test_of_few_runs_every_resample_is_counted_as_often_as_it_comes():
+    values = np.array([1.0, 5.0, 6.0, 11.0])
+    all_of_them = [np.mean(drawn) for drawn in itertools.product(values, repeat=4)]
+    limits = np.percentile(all_of_them, statistics.LEVEL, method="inverted_cdf")
+    assert statistics.mean_interval(values) == pytest.approx(tuple(limits))
+
+
+def test_intervals_of_three_runs_against_five_are_exact():
+    """As (f) and (g) had them: 20,000 drawn pairs gave 1/15 in place of 2/15."""
+    original, learned = np.array([288, 263, 296]), np.array([316, 275, 252, 312, 265])
+    found = statistics.compare(original, learned)
+    assert found["probability_low"] == pytest.approx(2 / 15)
+    assert found["probability_high"] == pytest.approx(14 / 15)
+
+
+def test_many_runs_are_drawn_and_agree_with_all_resamples(monkeypatch):
+    values = np.random.default_rng(3).normal(size=6)
+    exact = statistics.compare(values, values + 1)
+    monkeypatch.setattr(statistics, "EXACT", 0)
+    drawn = statistics.compare(values, values + 1)
+    for name in ("difference_low", "difference_high", "probability_low", "probability_high"):
+        assert drawn[name] == pytest.approx(exact[name], abs=0.05)
 
 
 def test_interval_of_the_mean_covers_as_often_as_it_says():
