@@ -39,6 +39,8 @@ ITEMS = (
     "figure5",
     "figure6",
     "figure7",
+    "curves",
+    "studies",
     "transfer",
     "readme",  # the last two show the others
     "report",

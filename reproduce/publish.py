@@ -23,7 +23,7 @@ from designrl.names import load
 from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
-from reproduce import drawing, figure5, scores
+from reproduce import curves, drawing, scores
 from reproduce.program import program
 from reproduce.runs import Run, read_run, recording_of
 from reproduce.scores import Score
@@ -99,14 +99,14 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
     figure = Figure(figsize=(drawing.WIDTH, 2.3), layout="constrained")
     left, right = figure.subplots(1, 2)
-    figure5.draw(left, right, figure5.STEPS, [run], "this run", drawing.ORIGINAL)
+    curves.draw(left, right, curves.STEPS, [run], "this run", drawing.ORIGINAL)
     name = agent.experiment.name
     if not scores.rewards_small_legs(name):  # the paper's number is without that factor
         mean, _ = scores.paper()["table3"][name]
         right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
-    figure5.show_differences(right, name)
-    for axes, label in zip((left, right), figure5.returns(name), strict=True):
-        axes.set_xlabel(figure5.STEPS)
+    curves.show_differences(right, name)
+    for axes, label in zip((left, right), curves.returns(name), strict=True):
+        axes.set_xlabel(curves.STEPS)
         axes.set_ylabel(label)
     handles, texts = right.get_legend_handles_labels()
     figure.legend(handles, texts, loc="outside lower center", ncols=2)

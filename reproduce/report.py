@@ -15,7 +15,7 @@ import numpy as np
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
-from reproduce import build, figure5, scores, statistics, table2, transfer
+from reproduce import build, curves, figure5, scores, statistics, table2, transfer
 from reproduce.runs import read_run, recording_of
 from reproduce.scores import Score, usable
 from reproduce.tables import PAPER, Cell, Table
@@ -33,7 +33,14 @@ CAPTIONS = {
 def reads() -> list[Path]:
     """The files that the report depends on."""
     drawn = (scores.output_folder() / "figures" / f"{name}.png" for name in CAPTIONS)
-    return [TEMPLATE, *drawn, *scores.read_for(*EXPERIMENTS), *figure5.reads(), *transfer.reads()]
+    return [
+        TEMPLATE,
+        *drawn,
+        *scores.read_for(*EXPERIMENTS),
+        *curves.reads(),
+        *figure5.reads(),
+        *transfer.reads(),
+    ]
 
 
 # ------------------------------------------------------------------------------------- contents
@@ -100,7 +107,7 @@ def costs(ours: dict[str, list[Score]]) -> str:
                 core_hours = np.interp(at, run.generation, run.core_hours)
                 solved = f"{at + 1:,}; {core_hours:.2f}"
         if "hours" in (printed := scores.paper()["text"].get(name, {})):
-            core_hours = printed["hours"] * figure5.PAPER_CORES
+            core_hours = printed["hours"] * curves.PAPER_CORES
             paper = f"{printed['generations']:,}; {core_hours:,}"
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
         rows.append([label, done, *spent(*totals[-1]), f"{run.hours[-1]:.2f}", solved, paper])

@@ -18,6 +18,13 @@ def recordings(experiment: str) -> list[Path]:
     return sorted((scores.ROOT / "logs" / experiment).glob("*seed*/generations.mcap"))
 
 
+def unfinished(experiment: str) -> list[Path]:
+    """The recordings of runs with the paper's own settings that are still being trained."""
+    found = (scores.ROOT / "logs" / "unfinished" / experiment).glob("paper-*/generations.mcap")
+    published = {path.parent.name for path in recordings(experiment)}
+    return sorted(path for path in found if path.parent.name not in published)
+
+
 def recording_of(checkpoint: Path) -> Path:
     """The recording of the run that one of our checkpoints is of."""
     return scores.ROOT / "logs" / checkpoint.parent.name / checkpoint.stem / "generations.mcap"
@@ -33,7 +40,8 @@ class Run:
         generation: (G,) the recorded ones.
         steps, hours, core_hours: (G,) environment steps, wall time and processor time from the
             run's start to a generation's end.
-        mean: (G,) points, over the population, with training's changes of the reward.
+        mean, sd: (G,) points, mean and standard deviation over the population, with training's
+            changes of the reward.
         tested: (E,) the evaluated generations; a thinned recording need not hold them.
         scores: (E,) points, mean over each evaluation's episodes.
     """
@@ -45,6 +53,7 @@ class Run:
     hours: np.ndarray
     core_hours: np.ndarray
     mean: np.ndarray
+    sd: np.ndarray
     tested: np.ndarray
     scores: np.ndarray
 
@@ -71,8 +80,8 @@ def read_run(path: Path) -> Run:
     generation = recording.generations
     if len(generation) == 0:
         raise InputError(f"{path} holds no generation; train further")
-    names = ("total_steps", "seconds", "cpu_seconds", "mean")
-    steps, seconds, cpu_seconds, mean = (recording.array("/summary", name) for name in names)
+    names = ("total_steps", "seconds", "cpu_seconds", "mean", "sd")
+    steps, seconds, cpu_seconds, mean, sd = (recording.array("/summary", name) for name in names)
     tested, means = np.empty(0, np.uint32), np.empty(0)
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
@@ -84,6 +93,7 @@ def read_run(path: Path) -> Run:
         hours=seconds / 3600,
         core_hours=cpu_seconds / 3600,
         mean=mean,
+        sd=sd,
         tested=tested,
         scores=means,
     )

@@ -30,6 +30,7 @@ from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import (
     build,
+    curves,
     drawing,
     figure5,
     publish,
@@ -38,6 +39,7 @@ from reproduce import (
     runs,
     scores,
     statistics,
+    studies,
     table1,
     table2,
     table3,
@@ -467,9 +469,45 @@ def test_learning_curve_is_the_recordings(trained, project):
     assert read(path).array("/evaluation", "scores").shape == (3, 4)
     assert run.solved_at() is None
     assert build.make("figure5") and build.make("figure5") is None
-    panels = figure5.curves(("biped", "ant")).axes
+    assert build.make("curves")
+    panels = curves.curves(("biped", "ant")).axes
     labels = tuple(panel.get_xlabel() for panel in panels[len(panels) // 2 :])
-    assert labels == figure5.AXES
+    assert labels == curves.AXES
+
+
+def record(path: Path, experiment: str, seed: int = 0) -> None:
+    """A short training's recording."""
+    small = {"generations": 4, "population": 4, "rollouts": 1, "evaluate_every": 2}
+    TrainingRun(TrainSettings.of(experiment, seed=seed, **small), path.parent).run()
+
+
+def test_figure5_draws_published_runs_and_marks_those_that_are_unfinished(project):
+    learned = "biped-hardcore-morphology"
+    for folder in (f"logs/{learned}", f"logs/unfinished/{learned}"):
+        record(project / folder / "paper-seed1/generations.mcap", learned)
+    left, right = figure5.figures()["figure5"].axes
+    marks = [line.get_marker() for line in right.lines]
+    texts = right.get_legend_handles_labels()[1]
+    assert "o" not in marks and "ours, learned body: 1 run" in texts, "one of them is published"
+    assert "ours, original body: no run yet" in texts
+    record(project / f"logs/unfinished/{learned}/paper-seed2/generations.mcap", learned, seed=2)
+    left, right = figure5.figures()["figure5"].axes
+    assert [line.get_marker() for line in right.lines].count("o") == 1
+    assert "ours, learned body: 2 runs (1 unfinished)" in right.get_legend_handles_labels()[1]
+    [run] = [runs.read_run(path) for path in figure5.paths(learned)[1:]]
+    drawn = [line.get_ydata().tolist() for line in left.lines]
+    assert (run.mean - 100).tolist() in drawn, "less 100, as in the paper's"
+
+
+def test_the_authors_log_is_compared_with_the_range_of_our_runs(project):
+    assert studies.author_log_answer() == "There is no run with his settings yet."
+    for seed in range(2):
+        target = project / f"logs/studies/biped-author-settings/seed{seed}/generations.mcap"
+        target.parent.mkdir(parents=True)
+        shutil.copyfile(ROOT / target.relative_to(project), target)
+    said = studies.author_log_answer()
+    assert re.match(r"\d+ of 33 points of his log lie within the range of our 2 runs; ", said)
+    assert studies.listed(np.array([50, 600, 650, 700])) == "50, 600 to 700"
 
 
 # ------------------------------------------------------------------------------------- publishing
@@ -510,7 +548,7 @@ def test_card_says_the_body_that_was_found():
     agent.metadata["settings"] = TrainSettings.of("ant-morphology").as_dict()
     s = scores.Score(Path("seed0.safetensors"), "", agent, returns)
     one = np.ones(1)
-    run = runs.Run(False, "a machine", one, one, one, 2 * one, one, one, one)
+    run = runs.Run(False, "a machine", one, one, one, 2 * one, one, one, one, one)
     card = publish.card(s, run)
     assert "2.00 core-hours" in card
     assert re.search(r"\| front left top +\| \d+ % \(0.\d+\)", card)
