@@ -25,6 +25,7 @@ from designrl.files import file_hash, write_atomically
 from designrl.provenance import sources_hash
 from reproduce import drawing, scores
 from reproduce.program import program
+from reproduce.tables import ORIGINS
 
 ITEMS = (
     "table1",
@@ -114,20 +115,27 @@ def make(name: str) -> list[Path] | None:
 
 
 def main(names: list[str]) -> None:
-    """Make the named items, or all; of a single one, print its tables."""
+    """Make the named items, or all; of a single one, print its tables last."""
     unknown = [name for name in names if name not in ITEMS]
     if unknown:
         sys.exit(f"reproduce: there is no {unknown[0]!r}; there are {', '.join(ITEMS)}")
     with tqdm(names or ITEMS, unit="item", disable=len(names) == 1, dynamic_ncols=True) as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            written = make(name)
-            if len(names) == 1:
-                for path in json.loads(manifest(name).read_text(encoding="utf-8"))["outputs"]:
-                    if "tables/" in path and path.endswith(".md"):
-                        print((scores.ROOT / path).read_text(encoding="utf-8"))
-            files = ", ".join(scores.shown(path) for path in written or ())
+            files = ", ".join(scores.shown(path) for path in make(name) or ())
             tqdm.write(f"{name}: {files or 'up to date'}")
+    if len(names) == 1:
+        print_tables(names[0])
+    report = scores.shown(scores.output_folder() / "report.md")
+    print(f"\nThe report: {report} (make reproduce brings it up to date)")
+
+
+def print_tables(name: str) -> None:
+    """Print an item's tables, without the hashes that stand below them in their files."""
+    for path in json.loads(manifest(name).read_text(encoding="utf-8"))["outputs"]:
+        if "tables/" in path and path.endswith(".md"):
+            text = (scores.ROOT / path).read_text(encoding="utf-8")
+            print(f"\n{text.partition(ORIGINS)[0].strip()}")
 
 
 if __name__ == "__main__":

@@ -34,6 +34,8 @@ ROOT = Path(__file__).resolve().parents[1]
 EPISODES = 100  # as the paper's tables
 SEED = 0
 MISSING = "no checkpoint yet"  # in place of a score
+OURS, AT_PAPERS = "ours", "ours, the paper's settings"  # sources of scores
+ENOUGH = 5  # runs at the paper's settings, to be shown before the recipe's
 ON_REFERENCE = slice(0, None, 20)  # of the episodes, those that the reference plays, too
 REFERENCE_SECONDS = 600.0  # that these may take; they take a few
 
@@ -70,8 +72,8 @@ class Score:
 
     @property
     def run(self) -> str:
-        """How tables call one of our runs: its file's name, "seed 0" for instance."""
-        return self.path.stem.replace("seed", "seed ")
+        """How tables call one of our runs, "seed 0" for instance."""
+        return ("the paper's settings, " if papers(self.path) else "") + f"seed {seed(self.path)}"
 
 
 def title(experiment: str) -> str:
@@ -220,9 +222,33 @@ def usable(found: Iterable[Score]) -> list[Score]:
 
 
 def pretrained(experiment: str) -> list[Path]:
-    """Our checkpoints of an experiment by its recipe, by seed."""
-    found = (ROOT / "pretrained" / experiment).glob("seed*.safetensors")
-    return sorted(found, key=lambda path: (len(path.name), path.name))
+    """Our checkpoints of an experiment, by seed; those at the paper's settings last."""
+    found = (ROOT / "pretrained" / experiment).glob("*seed*.safetensors")
+    return sorted(found, key=lambda path: (papers(path), seed(path)))
+
+
+def papers(path: Path) -> bool:
+    """Whether a checkpoint, or the folder of a recording, is of a run at the paper's settings."""
+    return path.name.startswith("paper-")
+
+
+def seed(path: Path) -> int:
+    """The seed of one of our runs, from the name of its file or folder."""
+    return int(path.stem.rpartition("seed")[2])
+
+
+def our_runs(experiment: str) -> dict[str, dict[int, Path]]:
+    """Our checkpoints by source, OURS and AT_PAPERS, and number, which is seed + 1.
+
+    First come the recipe's, or those at the paper's settings once they are ENOUGH.
+    """
+    found = {
+        source: {seed(path) + 1: path for path in pretrained(experiment) if papers(path) == at}
+        for source, at in ((OURS, False), (AT_PAPERS, True))
+    }
+    if len(found[AT_PAPERS]) >= ENOUGH:
+        return {AT_PAPERS: found[AT_PAPERS], OURS: found[OURS]}
+    return found
 
 
 def zoo() -> str | None:
@@ -242,8 +268,8 @@ def authors(experiment: str) -> dict[int, Path]:
 
 
 def by_source(*experiments: str) -> dict[str, dict[str, dict[int, Score]]]:
-    """Of each experiment our runs, numbered from 1, as "ours"; with ZOO the "author's weights"."""
-    paths = {name: {"ours": dict(enumerate(pretrained(name), 1))} for name in experiments}
+    """Of each experiment our runs as `our_runs` has them; with ZOO the "author's weights"."""
+    paths = {name: our_runs(name) for name in experiments}
     if zoo():
         for name, sources in paths.items():
             sources["author's weights"] = authors(name)

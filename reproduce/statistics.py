@@ -141,13 +141,16 @@ Means = dict[str, dict[str, np.ndarray]]  # experiment -> source -> (n,) means o
 
 def pairs(means: Means, ours: list[scores.Score]) -> Table:
     """The table of pairs."""
-    rows, records = [], []
+    rows, records, short = [], [], []
     for without, with_ in PAIRS:
         rows += [None] if rows else []
         letters = f"({EXPERIMENTS[with_].letter}) over ({EXPERIMENTS[without].letter})"
         head = [letters, EXPERIMENTS[with_].title]
         for source, b in means[with_].items():
             a = means[without][source]
+            if source == scores.AT_PAPERS and min(len(a), len(b)) < 2:
+                short.append(f"{letters}: {len(b)} and {len(a)}")
+                continue
             numbers, words = ["", "", ""], "no runs of both yet"
             if len(a) and len(b):
                 c = compare(a, b)
@@ -184,10 +187,21 @@ def pairs(means: Means, ours: list[scores.Score]) -> Table:
             "of 0 and p is below 0.05. Small legs trade score for a smaller body, so for them the "
             "question is what that costs.",
             "The paper's runs are the printed ones of Table 4, rounded to whole points.",
+            *too_few(short),
         ],
         records=records,
         scores=ours,
     )
+
+
+def too_few(short: list[str]) -> list[str]:
+    """A sentence on the pairs that have too few runs at the paper's settings."""
+    if not short:
+        return []
+    return [
+        "At the paper's settings a comparison needs two of our runs with a learned body and two "
+        f"without. There are, with and without, for {'; '.join(short)}."
+    ]
 
 
 def intervals(means: Means, ours: list[scores.Score]) -> Table:
@@ -198,6 +212,8 @@ def intervals(means: Means, ours: list[scores.Score]) -> Table:
         mine = [s for s in scores.usable(ours) if s.agent.experiment.name == name]
         lines += [(f"ours, {s.run}", "rollouts", s.returns) for s in mine]
         for source, unit, values in lines:
+            if len(values) == 0 and source == scores.AT_PAPERS:
+                continue
             count = f"{len(values)} {unit if len(values) != 1 else unit[:-1]}"
             if len(values) == 0:
                 rows.append([scores.title(name), source, count, "", "", ""])
@@ -232,5 +248,5 @@ def tables() -> list[Table]:
         means[name] = {PAPER: np.array(scores.paper()["table4"][name], dtype=float)}
         for source, runs in sources.items():
             means[name][source] = np.array([s.mean for s in scores.usable(runs.values())])
-            ours += runs.values() if source == "ours" else ()
+            ours += runs.values() if source.startswith(scores.OURS) else ()
     return [pairs(means, ours), intervals(means, ours)]

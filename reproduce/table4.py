@@ -16,7 +16,9 @@ def tables() -> list[Table]:
     """The table."""
     printed = scores.paper()["table4"]
     found = scores.by_source(*EXPERIMENTS)
-    runs = max(RUNS, *(len(sources["ours"]) for sources in found.values()))
+    runs = max(
+        [RUNS, *(run for found_of in found.values() for of in found_of.values() for run in of)]
+    )
     rows, records, used = [], [], []
     for name, sources in found.items():
         rows += [None] if EXPERIMENTS[name].letter in "cf" else []
@@ -27,15 +29,19 @@ def tables() -> list[Table]:
             used += by_run.values()
             texts[source] = {
                 run: "not used" if s.problem else f"{s.mean:.0f}" for run, s in by_run.items()
-            } or {1: scores.MISSING}
+            }
             records += [
                 {"experiment": name, "source": source, "run": run, "mean": s.mean, "std": s.std}
                 | {"sha256": s.sha256}
-                | ({"seed": run - 1} if source == "ours" else {})
+                | ({"seed": run - 1} if source.startswith(scores.OURS) else {})
                 for run, s in by_run.items()
                 if not s.problem
             ]
+        if not any(texts[source] for source in (scores.OURS, scores.AT_PAPERS)):
+            texts[scores.OURS] = {1: scores.MISSING}
         for source, by_run in texts.items():
+            if not by_run:
+                continue
             cells = [by_run.get(run + 1, "") for run in range(runs)]
             rows.append(row([scores.title(name)], source, cells, name))
     notes = [
