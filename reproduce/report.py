@@ -7,6 +7,7 @@ paper/report.html: one file with all pictures inside, which git does not keep.
 import base64
 import html
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import markdown
@@ -14,14 +15,15 @@ import numpy as np
 
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
-from designrl.files import file_hash, write_atomically
-from reproduce import build, curves, figure5, scores, statistics, table2, transfer
-from reproduce.runs import read_run, recording_of
+from designrl.files import write_atomically
+from reproduce import build, curves, figure5, readme, scores, studies, table2, transfer
+from reproduce.runs import Run, read_run, recording_of
 from reproduce.scores import Score, usable
 from reproduce.tables import PAPER, Cell, Table
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
 TO_PAPER = "paper.toml"  # beside the report
+LONG = 12  # rows: a longer table is folded
 MODULES = {name: build.load(name) for name in build.ITEMS if name != "report"}
 CAPTIONS = {
     name: (item, *about)
@@ -59,12 +61,19 @@ def origin_line(item: str, files: str) -> str:
     return f"*`make reproduce-{item}`; [hashes of what it read](inputs/{item}.json); {files}*"
 
 
+def folded(table: Table) -> str:
+    """A table's Markdown with its numbers linked; a long one is closed until it is clicked."""
+    text, rows = table.markdown(linked), len(list(filter(None, table.rows)))
+    if rows <= LONG:
+        return text
+    return f"<details><summary>{rows} rows</summary>\n\n{text}\n\n</details>"
+
+
 def table_part(item: str, table: Table) -> str:
     """A table with its notes, its numbers linked, and its origin."""
-    # How scores were made, and from which checkpoints, is under Origins, once for all.
     files = (f"[{kind}](tables/{table.name}.{kind})" for kind in ("md", "tex", "csv"))
     line = origin_line(item, ", ".join(files))
-    return "\n\n".join([f"### {table.title}", table.markdown(linked), *table.notes, line])
+    return "\n\n".join([f"### {table.title}", folded(table), *table.notes, line])
 
 
 def figure_part(name: str) -> str:
@@ -74,88 +83,77 @@ def figure_part(name: str) -> str:
     return "\n\n".join([f"### {title}", f"![{title}](figures/{name}.png)", caption, line])
 
 
-def does_a_learned_body_help(comparisons: list[dict]) -> str:
-    """The statistics' answer as a list, for the paper's runs and ours."""
-    starts, lines = {PAPER: "The paper's runs", "ours": "Ours"}, {}
-    for c in comparisons:
-        if not scores.rewards_small_legs(c["with"]):  # these trade score for smaller legs
-            words = f"{c['difference']:+.0f} points ({statistics.verdict(c)})"
-            said = f"{EXPERIMENTS[c['without']].title} {words}"
-            lines.setdefault(c["source"], []).append(said)
-    return "\n".join(f"- {starts.get(s, s)}: {'; '.join(said)}." for s, said in lines.items())
+def answers() -> str:
+    """README's answers, with links from the report's folder."""
+    return readme.answers().replace("](docs/", "](../docs/")
 
 
-def costs(ours: dict[str, list[Score]]) -> str:
+def recorded(ours: dict[str, list[Score]]) -> list[tuple[Score, Run]]:
+    """Our runs with their recordings; those that cannot be read are missing."""
+    found = []
+    for s in (s for runs in ours.values() for s in usable(runs)):
+        with suppress(InputError):
+            found.append((s, read_run(recording_of(s.path))))
+    return found
+
+
+def total_cost(runs: list[tuple[Score, Run]]) -> str:
+    """What all our runs cost, as a sentence."""
+    if not runs:
+        return "No run is published yet."
+    steps, core_hours = total(runs)
+    count = "published run" if len(runs) == 1 else f"{len(runs)} published runs"
+    return f"The {count} took {core_hours:,.0f} core-hours and {steps / 1e9:,.1f} G steps in all."
+
+
+def total(runs: list[tuple[Score, Run]]) -> tuple[int, float]:
+    """Environment steps and core-hours of runs."""
+    # Not the hours: some runs were trained side by side.
+    steps = sum(run.steps_with(s.agent) for s, run in runs)
+    return steps, sum(run.core_hours[-1] for _, run in runs)
+
+
+def costs(runs: list[tuple[Score, Run]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
 
     def spent(steps: float, core_hours: float) -> list[str]:
         return [f"{steps / 1e6:,.0f} M", f"{core_hours:.2f}"]
 
-    rows, totals = [], []
-    for name, s in ((name, s) for name, found in ours.items() for s in usable(found)):
-        e, solved, paper = EXPERIMENTS[name], "", ""
-        label = Cell(f"{scores.title(name)}, {s.run}", name)
-        try:
-            run = read_run(recording_of(s.path))
-        except InputError:
-            rows.append([label, "no recording", *[""] * 5])
-            continue
-        totals.append((run.steps_with(s.agent), run.core_hours[-1]))
-        if name in table2.WALKERS and not scores.rewards_small_legs(name):
+    rows = []
+    for s, run in runs:
+        e, solved, paper = s.agent.experiment, "", ""
+        if e.name in table2.WALKERS and not scores.rewards_small_legs(e.name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
                 core_hours = np.interp(at, run.generation, run.core_hours)
                 solved = f"{at + 1:,}; {core_hours:.2f}"
-        if "hours" in (printed := scores.paper()["text"].get(name, {})):
+        if "hours" in (printed := scores.paper()["text"].get(e.name, {})):
             core_hours = printed["hours"] * curves.PAPER_CORES
             paper = f"{printed['generations']:,}; {core_hours:,}"
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
-        rows.append([label, done, *spent(*totals[-1]), f"{run.hours[-1]:.2f}", solved, paper])
-    if not totals:
-        return "No run is published yet."
-    # Not the hours: some runs were trained side by side.
-    rows.append([f"All {len(totals)} published runs", "", *spent(*np.sum(totals, 0)), "", "", ""])
+        cells = [*spent(*total([(s, run)])), f"{run.hours[-1]:.2f}", solved, paper]
+        rows.append([Cell(f"{scores.title(e.name)}, {s.run}", e.name), done, *cells])
+    rows.append([f"All {len(runs)} published runs", "", *spent(*total(runs)), "", "", ""])
     header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
     header += ["Solved: generation; core-hours", "In the paper"]
-    return Table("costs", "", header, rows, [], []).markdown(linked)
+    return folded(Table("costs", "", header, rows, [], []))
 
 
 def origins(ours: dict[str, list[Score]]) -> str:
-    """Each checkpoint: file, hash, how it was scored and trained."""
-    note = f"{scores.scoring_note()} Printed numbers are in [paper.toml]({TO_PAPER})."
-    parts = [f"{note} `designrl info` has each agent's settings and libraries."]
+    """A line for each experiment: the cards of its checkpoints, which say where they are from."""
+    lines = []
     for name, found in ours.items():
+        cards = [origin(s) for s in found]
         anchor = f'<a id="origin-{EXPERIMENTS[name].letter}"></a>'
-        parts += [anchor, f"### {scores.title(name)}"]
-        parts += [origin(s) for s in found] or ["No checkpoint yet."]
-    return "\n\n".join(parts)
+        lines.append(f"- {anchor}{scores.title(name)}: {', '.join(cards) or 'no checkpoint yet'}")
+    return "\n".join(lines)
 
 
 def origin(s: Score) -> str:
-    """One checkpoint's part of `origins`."""
-    shown = scores.shown(s.path)
+    """A checkpoint's link to its card."""
     if s.problem:
-        return f"`{shown}` is not used: {s.problem}."
-    m, card = s.agent.metadata, scores.shown(s.path.with_suffix(".md"))
-    items = [
-        f"**[{shown}](../{shown})**, sha256 `{s.sha256}`; [its card](../{card})",
-        f"score {s.mean:.2f} ± {s.std:.2f} (median {np.median(s.returns):.1f}, "
-        f"{s.returns.min():.1f} to {s.returns.max():.1f}); "
-        f"`designrl evaluate {shown} --episodes {scores.EPISODES} --seed {scores.SEED}`",
-    ]
-    if "score_episodes" in m:
-        factor = " with the reward for smaller legs" * scores.rewards_small_legs(
-            s.agent.experiment.name
-        )
-        items.append(
-            f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
-            f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then{factor}"
-        )
-    log = recording_of(s.path)
-    if log.exists():
-        path = scores.shown(log)
-        items.append(f"recording [{path}](../{path}), sha256 `{file_hash(log)}`")
-    return "\n".join(f"- {item}" for item in items)
+        return f"`{scores.shown(s.path)}` is not used ({s.problem})"
+    return f"[{s.run}](../{scores.shown(s.path.with_suffix('.md'))})"
 
 
 # ----------------------------------------------------------------------------------------- page
@@ -185,7 +183,8 @@ nav a { margin-right: 1rem; }
 
 def page(text: str, folder: Path) -> str:
     """The report's Markdown as one HTML file: pictures inside, no script, nothing to load."""
-    body = markdown.markdown(text, extensions=["tables", "fenced_code", "toc"])
+    text = text.replace("<details>", '<details markdown="1">')
+    body = markdown.markdown(text, extensions=["tables", "fenced_code", "toc", "md_in_html"])
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
     body = re.sub(r"<td>(?=[^<]{30})", '<td class="long">', body)
@@ -210,10 +209,16 @@ def main() -> list[Path]:
     """Write the report; returns its files."""
     made = [(item, m.tables()) for item, m in MODULES.items() if hasattr(m, "tables")]
     tables = {table.name: (item, table) for item, found in made for table in found}
-    ours = {name: list(s["ours"].values()) for name, s in scores.by_source(*EXPERIMENTS).items()}
+    ours = {
+        name: [s for source in (scores.OURS, scores.AT_PAPERS) for s in found[source].values()]
+        for name, found in scores.by_source(*EXPERIMENTS).items()
+    }
+    runs = recorded(ours)
     parts = {
-        "answer": does_a_learned_body_help(tables["statistics"][1].records),
-        "costs": costs(ours),
+        "answers": answers(),
+        "total_cost": total_cost(runs),
+        "costs": costs(runs),
+        "author_log_answer": studies.author_log_answer(),
         "transfer_answer": transfer.answer(),
         "origins": origins(ours),
         **{name: figure_part(name) for name in CAPTIONS},

@@ -34,7 +34,6 @@ COUNTED = (
 LEVEL = (2.5, 97.5)  # percentiles: a 95 % interval
 
 
-@functools.cache
 def all_resamples(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Every resample of n values once: how often it has each (R, n), and its probability (R,)."""
     drawn = itertools.combinations_with_replacement(range(n), n)
@@ -43,6 +42,7 @@ def all_resamples(n: int) -> tuple[np.ndarray, np.ndarray]:
     return counts, np.array(ways) / n**n
 
 
+@functools.cache
 def resamples(*sizes: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Resamples of samples of some sizes, as `all_resamples` gives them, for each size.
 

@@ -34,8 +34,9 @@ CAPTIONS = {
     ),
     "falls": (
         "What do the walkers lose on hardcore?",
-        "Falls: the share of 1,000 episodes, other ones than those of the tables, that end below "
-        "250 points, with 95 % intervals.",
+        "Falls of Biped Hardcore, with a learned body and rewarded for smaller legs: the share of "
+        "1,000 episodes, other ones than those of the tables, that end below 250 points, with 95 % "
+        "intervals. Grey: the author's agent, run 1.",
     ),
 }
 AUTHOR_LOG = "biped-author-settings"  # under logs/studies
@@ -172,7 +173,8 @@ def falls() -> Figure:
         error = {"fmt": "none", "ecolor": "black", "elinewidth": 0.8}
         axes.errorbar(texts, 100 * shares, 100 * errors, **error)
         axes.tick_params(axis="x", rotation=90)
-        axes.set_title(f"({EXPERIMENTS[name].letter})")
+        title = EXPERIMENTS[name].title.rpartition("+ ")[2]
+        axes.set_title(f"{title} ({EXPERIMENTS[name].letter})")
     panels[0].set_ylabel("episodes below 250 points (%)")
     return figure
 

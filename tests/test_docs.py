@@ -104,6 +104,11 @@ def test_links_lead_somewhere():
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def learning_rate(s: TrainSettings) -> str:
+    falls = s.learning_rate_decay != 1
+    return f"{s.learning_rate}" + (f" × {s.learning_rate_decay}ᵍ" if falls else ", constant")
+
+
 def test_the_recipes_in_the_table_are_those_of_the_experiments():
     columns = [(EXPERIMENTS.values(), "paper")]
     for letters in ("ab", "cde", "gh", "f"):
@@ -111,8 +116,8 @@ def test_the_recipes_in_the_table_are_those_of_the_experiments():
     rows = {
         "candidates × rollouts": lambda s: f"{s.population} × {s.rollouts}",
         "generations": lambda s: f"{s.generations:,}",
-        "learning rate": lambda s: f"{s.learning_rate} × {s.learning_rate_decay}ᵍ",
-        "but at least": lambda s: f"{s.learning_rate_floor}",
+        "learning rate": learning_rate,
+        "but at least": lambda s: f"{s.learning_rate_floor or '–'}",
         "decay of σ": lambda s: f"{s.sigma_decay}ᵍ",
         "agent": lambda s: {"best": "the best candidate of a generation", "mean": "μ"}[s.keep],
     }
