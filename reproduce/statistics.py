@@ -34,8 +34,12 @@ COUNTED = (
 LEVEL = (2.5, 97.5)  # percentiles: a 95 % interval
 
 
-def all_resamples(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Every resample of n values once: how often it has each (R, n), and its probability (R,)."""
+Resamples = tuple[np.ndarray, np.ndarray]  # (R, n) how often each has each value; (R,) chances
+
+
+@functools.cache
+def all_resamples(n: int) -> Resamples:
+    """Every resample of n values once."""
     drawn = itertools.combinations_with_replacement(range(n), n)
     counts = np.array([np.bincount(indices, minlength=n) for indices in drawn])
     ways = [math.factorial(n) / math.prod(map(math.factorial, row)) for row in counts.tolist()]
@@ -43,19 +47,16 @@ def all_resamples(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @functools.cache
-def resamples(*sizes: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Resamples of samples of some sizes, as `all_resamples` gives them, for each size.
-
-    Up to EXACT combinations of resamples all are counted. Beyond that RESAMPLES of each are drawn,
-    all with the same probability, and the first of one sample belongs to the first of the other.
-    """
-    if exactly(*sizes):
-        return [all_resamples(n) for n in sizes]
+def drawn_resamples(*sizes: int) -> list[Resamples]:
+    """RESAMPLES of each of several samples; the first of one belongs to the first of the others."""
     rng = np.random.default_rng(0)
-    return [
-        (rng.multinomial(n, np.full(n, 1 / n), RESAMPLES), np.full(RESAMPLES, 1 / RESAMPLES))
-        for n in sizes
-    ]
+    chances = np.full(RESAMPLES, 1 / RESAMPLES)
+    return [(rng.multinomial(n, np.full(n, 1 / n), RESAMPLES), chances) for n in sizes]
+
+
+def resamples(*sizes: int) -> list[Resamples]:
+    """Resamples of samples of some sizes: all where they can be counted, else drawn ones."""
+    return [all_resamples(n) for n in sizes] if exactly(*sizes) else drawn_resamples(*sizes)
 
 
 def exactly(*sizes: int) -> bool:
