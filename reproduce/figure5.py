@@ -9,9 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reproduce import drawing, scores
+from reproduce import drawing, paths
 from reproduce.curves import COLOURS, HARDCORE, LABELS
-from reproduce.runs import SOLVED, read_run, recordings, unfinished
+from reproduce.paths import at_papers_settings, paper, recordings, unfinished
+from reproduce.runs import SOLVED, read_run
+from reproduce.sources import Sources
 
 CAPTIONS = {
     "figure5": (
@@ -29,21 +31,21 @@ OFFSET = -100.0  # points, of the paper's left panel
 BAND = 2  # standard deviations
 
 
-def paths(experiment: str) -> list[Path]:
+def recorded(experiment: str) -> list[Path]:
     """The recordings of our runs at the paper's settings, those of unfinished ones last."""
-    done = [path for path in recordings(experiment) if path.parent.name.startswith("paper-")]
+    done = [path for path in recordings(experiment) if at_papers_settings(path.parent)]
     return done + unfinished(experiment)
 
 
-def reads() -> list[Path]:
+def reads(sources: Sources) -> list[Path]:
     """The files that the figure depends on."""
-    ours = [path for name in HARDCORE for path in paths(name)]
-    return [scores.ROOT / "paper" / "paper.toml", *ours]
+    ours = [path for name in HARDCORE for path in recorded(name)]
+    return [paths.ROOT / "paper" / "paper.toml", *ours]
 
 
 def draw_paper(left: Axes, right: Axes, experiment: str, colour: str) -> None:
     """Draw the paper's curves."""
-    printed = scores.paper()["figure5"][experiment]
+    printed = paper()["figure5"][experiment]
     label = f"the paper's, {LABELS[experiment].lower()}"
     style = {"color": colour, "linewidth": 2, "alpha": 0.8, "label": label}
     generation, mean = np.transpose(printed["population"])
@@ -60,7 +62,7 @@ def draw_paper(left: Axes, right: Axes, experiment: str, colour: str) -> None:
 
 def draw_ours(left: Axes, right: Axes, experiment: str, colour: str) -> None:
     """Draw our runs."""
-    found = paths(experiment)
+    found = recorded(experiment)
     going_on = len(unfinished(experiment))
     body = LABELS[experiment].lower()
     label = f"ours, {body}: {len(found)} run{'s' * (len(found) != 1)}"
@@ -82,7 +84,7 @@ def draw_ours(left: Axes, right: Axes, experiment: str, colour: str) -> None:
             right.plot(run.tested[-1:], run.scores[-1:], **end)
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)

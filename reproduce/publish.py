@@ -17,16 +17,16 @@ from matplotlib.figure import Figure
 from tabulate import tabulate
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
 from designrl.names import load
 from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
-from reproduce import curves, drawing, scores
+from reproduce import curves, drawing, paths, scores
+from reproduce.paths import EIGHT, paper, recording_of
 from reproduce.program import program
-from reproduce.runs import Run, read_run, recording_of
-from reproduce.scores import Score
+from reproduce.runs import Run, read_run
+from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
 
@@ -57,7 +57,7 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
     agent = load(run / "best.safetensors")
     recorded = read_run(run / "generations.mcap")
     name = name or f"seed{agent.metadata['seed']}"
-    checkpoint = scores.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
+    checkpoint = paths.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
     content = (run / "best.safetensors").read_bytes()
     if checkpoint.exists() and checkpoint.read_bytes() != content and not replace:
         raise InputError(f"{checkpoint} is of another run; add --replace to publish this one")
@@ -66,7 +66,7 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
     log.mkdir(parents=True)
     thin(run / "generations.mcap", log / "generations.mcap")
     rollout = log / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
-    record_rollout(agent, rollout, scores.SEED, steps=ROLLOUT_STEPS)
+    record_rollout(agent, rollout, SEED, steps=ROLLOUT_STEPS)
     write_atomically(checkpoint, content)
     learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
     add_to_index(write_card(checkpoint, agent.experiment.name))
@@ -75,7 +75,7 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
 
 def add_to_index(s: Score) -> None:
     """Write a checkpoint's score to pretrained/index.json, which `designrl checkpoints` lists."""
-    folder = scores.ROOT / "pretrained"
+    folder = paths.ROOT / "pretrained"
     path = folder / "index.json"
     found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     found[s.path.relative_to(folder).with_suffix("").as_posix()] = {
@@ -83,7 +83,7 @@ def add_to_index(s: Score) -> None:
         "std": round(s.std, 1),
         "episodes": len(s.returns),
     }
-    names = list(EXPERIMENTS)
+    names = list(EIGHT)
 
     def place(name: str) -> tuple:
         experiment, run = name.split("/")
@@ -107,8 +107,8 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
     left, right = figure.subplots(1, 2)
     curves.draw(left, right, curves.STEPS, [run], "this run", drawing.ORIGINAL)
     name = agent.experiment.name
-    if not scores.rewards_small_legs(name):  # the paper's number is without that factor
-        mean, _ = scores.paper()["table3"][name]
+    if not rewards_small_legs(name):  # the paper's number is without that factor
+        mean, _ = paper()["table3"][name]
         right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
     curves.show_differences(right, name)
     for axes, label in zip((left, right), curves.returns(name), strict=True):
@@ -123,12 +123,12 @@ def card(s: Score, run: Run) -> str:
     """What a reader must know of a checkpoint: score, cost, curve, body, command, origin."""
     m, experiment, design = s.agent.metadata, s.agent.experiment, s.agent.experiment.design
     error = 1.96 * s.std / np.sqrt(len(s.returns))
-    mean, std = scores.paper()["table3"][experiment.name]
-    factor = ", with the reward for smaller legs" * scores.rewards_small_legs(experiment.name)
+    mean, std = paper()["table3"][experiment.name]
+    factor = ", with the reward for smaller legs" * rewards_small_legs(experiment.name)
     paragraphs = [
         f"# {experiment.title}, {s.run}",
         f"({experiment.letter}) of Table 3; `{s.path.name}`, sha256 {s.sha256}.",
-        f"**Score** {s.mean:.1f} ± {s.std:.1f} over {scores.EPISODES} rollouts (95 % interval of "
+        f"**Score** {s.mean:.1f} ± {s.std:.1f} over {EPISODES} rollouts (95 % interval of "
         f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; median "
         f"{np.median(s.returns):.1f}, lowest {s.returns.min():.1f}, highest "
         f"{s.returns.max():.1f}). "
@@ -150,12 +150,13 @@ def card(s: Score, run: Run) -> str:
         rows = [[part, *sides.values()] for part, sides in parts.items()]
         paragraphs.append(tabulate(rows, header, tablefmt="github", disable_numparse=True))
     command = TrainSettings(**m["settings"]).command()
-    evaluation = f"designrl evaluate {experiment.name}/{s.path.stem} --episodes {scores.EPISODES}"
-    evaluation += f" --seed {scores.SEED}"
+    evaluation = f"designrl evaluate {experiment.name}/{s.path.stem} --episodes {EPISODES}"
+    evaluation += f" --seed {SEED}"
     paragraphs.append(
         f"**Commands** that train it and score it\n\n```\n{command}\n{evaluation}\n```"
     )
-    origin = f"**Origin of the score.** {scores.scoring_note()} Settings: `designrl info`."
+    note = scores.scoring_note("engine")
+    origin = f"**Origin of the score.** {note} Settings: `designrl info`."
     if (log := recording_of(s.path)).exists():
         place = f"logs/{experiment.name}/{s.path.stem}"
         origin += f" Recording: [{place}](../../{place}), sha256 {file_hash(log)}."

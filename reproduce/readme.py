@@ -13,16 +13,18 @@ import numpy as np
 from tabulate import tabulate
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
-from reproduce import scores, statistics
-from reproduce.runs import read_run, recording_of
+from reproduce import paths, statistics
+from reproduce.paths import EIGHT, paper, recording_of
+from reproduce.runs import read_run
+from reproduce.scores import EPISODES, SEED
+from reproduce.sources import AT_PAPERS, ENOUGH, OURS, Sources, our_runs
 from reproduce.table3 import over_runs, verdict
 from reproduce.tables import as_csv
 
 START, END = "<!-- table3 -->", "<!-- /table3 -->"
 ANSWERS, ANSWERS_END = "<!-- answers -->", "<!-- /answers -->"
-OURS, AT_PAPERS = "our", "papers_settings"  # how the columns of table3.csv begin
+COLUMNS = {OURS: "our", AT_PAPERS: "papers_settings"}  # how those of table3.csv begin
 AT_SETTINGS = {OURS: "", AT_PAPERS: ", at the paper's settings"}
 HARDCORE = ("biped-hardcore", "biped-hardcore-morphology")
 QUESTIONS = (
@@ -32,18 +34,16 @@ QUESTIONS = (
 )
 
 
-def paths() -> tuple[Path, Path]:
+def files() -> tuple[Path, Path]:
     """The scores of the author's run 1 of each experiment, and of our runs."""
-    paper = scores.ROOT / "paper"
-    return paper / "author.csv", paper / "tables" / "table3.csv"
+    folder = paths.ROOT / "paper"
+    return folder / "author.csv", folder / "tables" / "table3.csv"
 
 
-def reads() -> list[Path]:
+def reads(sources: Sources) -> list[Path]:
     """The files that the table depends on."""
-    read = [
-        path for name in HARDCORE for source in AT_SETTINGS for path in recordings(name, source)
-    ]
-    return [*scores.read_for(), paths()[1], *read]
+    read = [path for name in HARDCORE for source in COLUMNS for path in recordings(name, source)]
+    return [*sources.read_for(), files()[1], *read]
 
 
 def by_experiment(path: Path) -> dict[str, dict]:
@@ -52,41 +52,41 @@ def by_experiment(path: Path) -> dict[str, dict]:
         return {record["experiment"]: record for record in csv.DictReader(file)}
 
 
-def score_author() -> None:
+def score_author(sources: Sources) -> None:
     """Score those of the author's weights that are there, and keep the results."""
-    path, _ = paths()
+    path, _ = files()
     kept = by_experiment(path) if path.exists() else {}
-    for name in EXPERIMENTS:
-        s = scores.score(scores.authors(name)[1], name)
+    for name in EIGHT:
+        s = sources.score(sources.authors(name)[1], name)
         if not s.problem:
             kept[name] = {"experiment": name, "mean": s.mean, "std": s.std}
-            kept[name] |= {"episodes": scores.EPISODES, "seed": scores.SEED, "sha256": s.sha256}
-    write_atomically(path, as_csv([kept[name] for name in EXPERIMENTS if name in kept]).encode())
+            kept[name] |= {"episodes": EPISODES, "seed": SEED, "sha256": s.sha256}
+    write_atomically(path, as_csv([kept[name] for name in EIGHT if name in kept]).encode())
 
 
-def our_means(source: str = "our") -> dict[str, list[float]]:
-    """The average score of each of our runs, by experiment; of OURS or AT_PAPERS alone."""
-    ours = by_experiment(paths()[1])
-    return {name: [float(n) for n in ours[name][f"{source}_means"].split()] for name in EXPERIMENTS}
+def our_numbers(source: str, what: str = "means") -> dict[str, list[float]]:
+    """By experiment a number of each of our runs, of OURS or AT_PAPERS: a column of Table 3."""
+    column, ours = f"{COLUMNS[source]}_{what}", by_experiment(files()[1])
+    return {name: [float(number) for number in ours[name][column].split()] for name in EIGHT}
 
 
 def table() -> str:
     """The table as Markdown."""
-    printed, ours = scores.paper(), by_experiment(paths()[1])
-    found = {source: our_means(source) for source in (OURS, AT_PAPERS)}
-    rows = []
-    for name, experiment in EXPERIMENTS.items():
+    printed, rows = paper(), []
+    means, stds = (
+        {source: our_numbers(source, what) for source in COLUMNS}
+        for what in ("means", "stds_over_rollouts")
+    )
+    for name, experiment in EIGHT.items():
         recipe, papers = (
-            over_runs(means, [float(n) for n in ours[name][f"{source}_stds_over_rollouts"].split()])
-            if (means := found[source][name])
-            else "–"
+            over_runs(means[source][name], stds[source][name]) if means[source][name] else "–"
             for source in (OURS, AT_PAPERS)
         )
-        count = len(found[AT_PAPERS][name])
+        count = len(means[AT_PAPERS][name])
         # A row's verdict is on what it shows first, as in Table 3.
-        first = found[AT_PAPERS if count >= scores.ENOUGH or recipe == "–" else OURS][name]
+        first = means[AT_PAPERS if count >= ENOUGH or recipe == "–" else OURS][name]
         cells = [f"({experiment.letter})", experiment.title]
-        cells += ["{} ± {}".format(*printed["table3"][name]), recipe, len(found[OURS][name])]
+        cells += ["{} ± {}".format(*printed["table3"][name]), recipe, len(means[OURS][name])]
         cells += [f"{papers} ({count})" if count else papers]
         said = f"{verdict(name, np.mean(first))} the paper's runs" if first else ""
         rows.append([*cells, said])
@@ -103,11 +103,11 @@ def answers() -> str:
 
 def score_answer(topic: str, without: str, with_: str) -> str:
     """Whether a learned body scores higher in our runs, as it does in the paper's."""
-    table4 = scores.paper()["table4"]
+    table4 = paper()["table4"]
     theirs = np.mean(table4[with_]) - np.mean(table4[without])
     parts = []
     for source in (OURS, AT_PAPERS):
-        found = our_means(source)
+        found = our_numbers(source)
         before, after = np.array(found[without]), np.array(found[with_])
         if min(len(before), len(after)) < (1 if source == OURS else 2):
             continue
@@ -126,7 +126,7 @@ def speed_answer() -> str:
     said = [speed(source) for source in (OURS, AT_PAPERS)]
     if not any(said):
         return "**Hardcore, speed: not known.** There are no runs of both yet."
-    printed = scores.paper()["text"]
+    printed = paper()["text"]
     theirs = " and ".join(f"{printed[name]['generations']:,}" for name in HARDCORE)
     return (
         f"{' '.join(filter(None, said))} "
@@ -162,8 +162,7 @@ def speed(source: str) -> str:
 
 def recordings(experiment: str, source: str) -> list[Path]:
     """Those of our runs of an experiment, of one source."""
-    paths = scores.our_runs(experiment)[scores.OURS if source == OURS else scores.AT_PAPERS]
-    return [recording_of(path) for path in paths.values()]
+    return [recording_of(path) for path in our_runs(experiment)[source].values()]
 
 
 def put(text: str, start: str, content: str, end: str) -> str:
@@ -175,11 +174,11 @@ def put(text: str, start: str, content: str, end: str) -> str:
     return f"{before}{start}\n{content}\n{end}{after}"
 
 
-def main() -> list[Path]:
+def main(sources: Sources) -> list[Path]:
     """Put answers and table into README.md; returns its path."""
-    if scores.zoo():
-        score_author()
-    readme = scores.ROOT / "README.md"
+    if sources.zoo:
+        score_author(sources)
+    readme = paths.ROOT / "README.md"
     text = put(readme.read_text(encoding="utf-8"), ANSWERS, answers(), ANSWERS_END)
     write_atomically(readme, put(text, START, table(), END).encode())
     return [readme]

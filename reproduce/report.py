@@ -6,6 +6,7 @@ paper/report.html: one file with all pictures inside, which git does not keep.
 
 import base64
 import html
+import itertools
 import re
 from contextlib import suppress
 from pathlib import Path
@@ -14,11 +15,12 @@ import markdown
 import numpy as np
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
-from reproduce import build, curves, figure5, readme, scores, studies, table2, transfer
-from reproduce.runs import Run, read_run, recording_of
-from reproduce.scores import Score, usable
+from reproduce import build, curves, figure5, paths, readme, studies, table2, transfer
+from reproduce.paths import EIGHT, recording_of, shown
+from reproduce.runs import Run, read_run
+from reproduce.scores import Score, rewards_small_legs, title, usable
+from reproduce.sources import AT_PAPERS, OURS, Sources
 from reproduce.tables import PAPER, Cell, Table
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
@@ -32,17 +34,11 @@ CAPTIONS = {
 }  # figure -> item, title, caption
 
 
-def reads() -> list[Path]:
+def reads(sources: Sources) -> list[Path]:
     """The files that the report depends on."""
-    drawn = (scores.output_folder() / "figures" / f"{name}.png" for name in CAPTIONS)
-    return [
-        TEMPLATE,
-        *drawn,
-        *scores.read_for(*EXPERIMENTS),
-        *curves.reads(),
-        *figure5.reads(),
-        *transfer.reads(),
-    ]
+    drawn = [sources.folder / "figures" / f"{name}.png" for name in CAPTIONS]
+    others = [m.reads(sources) for m in (readme, curves, figure5, studies, transfer)]
+    return [TEMPLATE, *drawn, *sources.read_for(*EIGHT), *itertools.chain(*others)]
 
 
 # ------------------------------------------------------------------------------------- contents
@@ -52,7 +48,7 @@ def linked(cell: str | Cell) -> str:
     """A cell's text, as a link to where its number comes from."""
     if isinstance(cell, str):
         return cell
-    target = TO_PAPER if cell.origin == PAPER else f"#origin-{EXPERIMENTS[cell.origin].letter}"
+    target = TO_PAPER if cell.origin == PAPER else f"#origin-{EIGHT[cell.origin].letter}"
     return f"[{cell}]({target})"
 
 
@@ -122,17 +118,17 @@ def costs(runs: list[tuple[Score, Run]]) -> str:
     rows = []
     for s, run in runs:
         e, solved, paper = s.agent.experiment, "", ""
-        if e.name in table2.WALKERS and not scores.rewards_small_legs(e.name):
+        if e.name in table2.WALKERS and not rewards_small_legs(e.name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
                 core_hours = np.interp(at, run.generation, run.core_hours)
                 solved = f"{at + 1:,}; {core_hours:.2f}"
-        if "hours" in (printed := scores.paper()["text"].get(e.name, {})):
+        if "hours" in (printed := paper()["text"].get(e.name, {})):
             core_hours = printed["hours"] * curves.PAPER_CORES
             paper = f"{printed['generations']:,}; {core_hours:,}"
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
         cells = [*spent(*total([(s, run)])), f"{run.hours[-1]:.2f}", solved, paper]
-        rows.append([Cell(f"{scores.title(e.name)}, {s.run}", e.name), done, *cells])
+        rows.append([Cell(f"{title(e.name)}, {s.run}", e.name), done, *cells])
     rows.append([f"All {len(runs)} published runs", "", *spent(*total(runs)), "", "", ""])
     header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
     header += ["Solved: generation; core-hours", "In the paper"]
@@ -144,16 +140,16 @@ def origins(ours: dict[str, list[Score]]) -> str:
     lines = []
     for name, found in ours.items():
         cards = [origin(s) for s in found]
-        anchor = f'<a id="origin-{EXPERIMENTS[name].letter}"></a>'
-        lines.append(f"- {anchor}{scores.title(name)}: {', '.join(cards) or 'no checkpoint yet'}")
+        anchor = f'<a id="origin-{EIGHT[name].letter}"></a>'
+        lines.append(f"- {anchor}{title(name)}: {', '.join(cards) or 'no checkpoint yet'}")
     return "\n".join(lines)
 
 
 def origin(s: Score) -> str:
     """A checkpoint's link to its card."""
     if s.problem:
-        return f"`{scores.shown(s.path)}` is not used ({s.problem})"
-    return f"[{s.run}](../{scores.shown(s.path.with_suffix('.md'))})"
+        return f"`{shown(s.path)}` is not used ({s.problem})"
+    return f"[{s.run}](../{shown(s.path.with_suffix('.md'))})"
 
 
 # ----------------------------------------------------------------------------------------- page
@@ -205,13 +201,13 @@ def page(text: str, folder: Path) -> str:
     )
 
 
-def main() -> list[Path]:
+def main(sources: Sources) -> list[Path]:
     """Write the report; returns its files."""
-    made = [(item, m.tables()) for item, m in MODULES.items() if hasattr(m, "tables")]
+    made = [(item, m.tables(sources)) for item, m in MODULES.items() if hasattr(m, "tables")]
     tables = {table.name: (item, table) for item, found in made for table in found}
     ours = {
-        name: [s for source in (scores.OURS, scores.AT_PAPERS) for s in found[source].values()]
-        for name, found in scores.by_source(*EXPERIMENTS).items()
+        name: [s for source in (OURS, AT_PAPERS) for s in found[source].values()]
+        for name, found in sources.by_source(*EIGHT).items()
     }
     runs = recorded(ours)
     parts = {
@@ -226,10 +222,10 @@ def main() -> list[Path]:
     }
     text = TEMPLATE.read_text(encoding="utf-8")
     text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], text)
-    folder = scores.output_folder()
-    if folder != scores.ROOT / "paper":  # one folder deeper
+    folder = sources.folder
+    if folder != paths.ROOT / "paper":  # one folder deeper
         text = text.replace("](../", "](../../").replace(f"]({TO_PAPER})", f"](../{TO_PAPER})")
-    paths = [folder / "report.md", folder / "report.html"]
-    write_atomically(paths[0], text.encode())
-    write_atomically(paths[1], page(text, folder).encode())
-    return paths
+    written = [folder / "report.md", folder / "report.html"]
+    write_atomically(written[0], text.encode())
+    write_atomically(written[1], page(text, folder).encode())
+    return written

@@ -10,14 +10,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from designrl.evaluation import evaluate
-from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash, write_atomically
 from designrl.names import load
 from designrl.provenance import core_count
-from reproduce import drawing, scores
+from reproduce import drawing, paths
 from reproduce.curves import STEPS
+from reproduce.paths import EIGHT, paper, pretrained, recordings, unfinished
 from reproduce.program import program
-from reproduce.runs import SOLVED, Run, read_run, recordings, unfinished
+from reproduce.runs import SOLVED, Run, read_run
+from reproduce.sources import Sources
 from reproduce.tables import as_csv
 
 CAPTIONS = {
@@ -43,7 +44,7 @@ AUTHOR_LOG = "biped-author-settings"  # under logs/studies
 AVERAGED = 11  # generations, of a point of the author's log in paper.toml
 LEARNER = "biped-hardcore-morphology"
 FAST = "biped-hardcore-morphology-rate-0.03"
-HARDCORE = [name for name, experiment in EXPERIMENTS.items() if experiment.letter in "fgh"]
+HARDCORE = [name for name, experiment in EIGHT.items() if experiment.letter in "fgh"]
 FALL = 250.0  # points: an episode with fewer ends with a fall, or nowhere
 EPISODES, SEED = 1000, 1  # not those of the tables
 AUTHOR = "author's"
@@ -51,18 +52,18 @@ AUTHOR = "author's"
 
 def study(name: str) -> list[Path]:
     """The recordings of a study's runs, by seed."""
-    return sorted((scores.ROOT / "logs" / "studies" / name).glob("seed*/generations.mcap"))
+    return sorted((paths.ROOT / "logs" / "studies" / name).glob("seed*/generations.mcap"))
 
 
 def falls_file() -> Path:
     """Where the counted falls are kept."""
-    return scores.ROOT / "paper" / "falls.csv"
+    return paths.ROOT / "paper" / "falls.csv"
 
 
-def reads() -> list[Path]:
+def reads(sources: Sources) -> list[Path]:
     """The files that the figures depend on."""
     rates = [*recordings(LEARNER), *unfinished(LEARNER), *study(FAST)]
-    return [scores.ROOT / "paper" / "paper.toml", falls_file(), *study(AUTHOR_LOG), *rates]
+    return [paths.ROOT / "paper" / "paper.toml", falls_file(), *study(AUTHOR_LOG), *rates]
 
 
 # ---------------------------------------------------------------------------- the author's log
@@ -90,7 +91,7 @@ def author_log() -> Figure:
             label=label,
         )
         label = None  # once for all
-    at, mean = np.transpose(scores.paper()["author_log"]["population"])
+    at, mean = np.transpose(paper()["author_log"]["population"])
     axes.plot(at, mean, color="black", marker=".", markersize=4, label="the author's log")
     axes.set_xlabel("generation")
     axes.set_ylabel("population's mean\nreturn in training (points)")
@@ -104,7 +105,7 @@ def author_log_answer() -> str:
     runs = [read_run(path) for path in study(AUTHOR_LOG)]
     if not runs:
         return "There is no run with his settings yet."
-    at, mean = np.transpose(scores.paper()["author_log"]["population"])
+    at, mean = np.transpose(paper()["author_log"]["population"])
     within = at <= min(run.generation[-1] for run in runs)
     at, mean = at[within], mean[within]
     ours = np.array([np.interp(at, run.generation, running_mean(run.mean)) for run in runs])
@@ -173,18 +174,18 @@ def falls() -> Figure:
         error = {"fmt": "none", "ecolor": "black", "elinewidth": 0.8}
         axes.errorbar(texts, 100 * shares, 100 * errors, **error)
         axes.tick_params(axis="x", rotation=90)
-        title = EXPERIMENTS[name].title.rpartition("+ ")[2]
-        axes.set_title(f"{title} ({EXPERIMENTS[name].letter})")
+        title = EIGHT[name].title.rpartition("+ ")[2]
+        axes.set_title(f"{title} ({EIGHT[name].letter})")
     panels[0].set_ylabel("episodes below 250 points (%)")
     return figure
 
 
-def count_falls() -> None:
+def count_falls(sources: Sources) -> None:
     """Play each hardcore agent's episodes and keep what came out; the author's need ZOO."""
     rows = []
     for name in HARDCORE:
-        theirs = {AUTHOR: scores.authors(name)[1]} if scores.zoo() else {}
-        ours = {path.stem.replace("seed", "seed "): path for path in scores.pretrained(name)}
+        theirs = {AUTHOR: sources.authors(name)[1]} if sources.zoo else {}
+        ours = {path.stem.replace("seed", "seed "): path for path in pretrained(name)}
         for run, path in (theirs | ours).items():
             found = evaluate(load(path, name), EPISODES, SEED, core_count()).scores
             row = {"experiment": name, "run": run, "sha256": file_hash(path)}
@@ -196,11 +197,11 @@ def count_falls() -> None:
     write_atomically(falls_file(), as_csv(rows).encode())
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figures."""
     return {"author_log": author_log(), "learning_rates": learning_rates(), "falls": falls()}
 
 
 if __name__ == "__main__":
     with program("studies"):
-        count_falls()
+        count_falls(Sources.asked())

@@ -2,18 +2,17 @@
 
 import numpy as np
 
-from designrl.experiments import EXPERIMENTS
-from reproduce import scores
-from reproduce.scores import usable
+from reproduce.paths import EIGHT, paper
+from reproduce.scores import MISSING, Score, usable
+from reproduce.sources import AT_PAPERS, ENOUGH, OURS, Sources
 from reproduce.tables import PAPER, Cell, Table
 
-READS = tuple(EXPERIMENTS)
-OURS = (scores.OURS, scores.AT_PAPERS)
+READS = tuple(EIGHT)
 
 
 def in_words(name: str, mean: float) -> str:
     """How the mean of our runs of an experiment lies to the paper's runs."""
-    paper_mean, runs = scores.paper()["table3"][name][0], scores.paper()["table4"][name]
+    paper_mean, runs = paper()["table3"][name][0], paper()["table4"][name]
     difference = mean - paper_mean
     size = f"{abs(difference):.0f} ({abs(difference) / paper_mean:.1%})"
     words = f"{size} {'above' if difference > 0 else 'below'} the paper's mean"
@@ -28,13 +27,13 @@ def in_words(name: str, mean: float) -> str:
 
 def verdict(name: str, mean: float) -> str:
     """ "within" the range of the paper's runs of an experiment, "above" or "below" it."""
-    runs = scores.paper()["table4"][name]  # whole points
+    runs = paper()["table4"][name]  # whole points
     if mean > max(runs) + 0.5:
         return "above"
     return "below" if mean < min(runs) - 0.5 else "within"
 
 
-def summary(prefix: str, runs: list[scores.Score]) -> dict:
+def summary(prefix: str, runs: list[Score]) -> dict:
     """What the CSV says of the runs of one source; its columns begin with `prefix`."""
     means, stds = [s.mean for s in runs], [s.std for s in runs]
     return {
@@ -47,7 +46,7 @@ def summary(prefix: str, runs: list[scores.Score]) -> dict:
     }
 
 
-def of_runs(runs: list[scores.Score], none: str) -> str:
+def of_runs(runs: list[Score], none: str) -> str:
     """`over_runs` of scores; `none` where there are none."""
     return over_runs([s.mean for s in runs], [s.std for s in runs]) if runs else none
 
@@ -64,28 +63,28 @@ def over_runs(means: list[float], stds: list[float]) -> str:
     return f"{np.mean(means):.0f} ± {std_over_runs(means):.1f}"
 
 
-def tables() -> list[Table]:
+def tables(sources: Sources) -> list[Table]:
     """The table."""
-    printed = scores.paper()
+    printed = paper()
     header = ["", "Experiment", "Paper (10 runs)", "Ours", "Our runs"]
     header += ["Ours, the paper's settings (runs)", "Ours is"]
-    if scores.zoo():
+    if sources.zoo:
         header += ["Author's weights, here", "of runs (the paper's mean of these)"]
-    rows, records, used = [], [], []
-    runs_of = scores.by_source(*EXPERIMENTS)
-    for name, experiment in EXPERIMENTS.items():
+    rows, records, used, mine = [], [], [], (OURS, AT_PAPERS)
+    runs_of = sources.by_source(*EIGHT)
+    for name, experiment in EIGHT.items():
         rows += [None] if experiment.letter in "cf" else []
         found = runs_of[name]
         used += [s for runs in found.values() for s in runs.values()]
-        ours = {source: usable(found[source].values()) for source in found if source in OURS}
-        recipe, papers = ours[scores.OURS], ours[scores.AT_PAPERS]
+        ours = {source: usable(of.values()) for source, of in found.items() if source in mine}
+        recipe, papers = ours[OURS], ours[AT_PAPERS]
         # A row's verdict is on what it shows first.
         first = next((source for source, runs in ours.items() if runs), None)
         words = in_words(name, np.mean([s.mean for s in ours[first]])) if first else ""
-        if first == scores.AT_PAPERS:
+        if first == AT_PAPERS:
             words = f"with the paper's settings {words}"
-        problems = [s.problem for source in OURS for s in found[source].values() if s.problem]
-        nothing = "no usable checkpoint" if problems else scores.MISSING
+        problems = [s.problem for source in ours for s in found[source].values() if s.problem]
+        nothing = "no usable checkpoint" if problems else MISSING
         words = "; ".join([words or nothing, *(f"not used: {problem}" for problem in problems)])
         paper_mean, paper_std = printed["table3"][name]
         cells = [f"({experiment.letter})", experiment.title]
@@ -95,7 +94,7 @@ def tables() -> list[Table]:
         cells += [Cell(at_papers, name) if papers else "–", words]
         record = {"experiment": name, "paper_mean": paper_mean, "paper_std_over_runs": paper_std}
         record |= summary("our", recipe) | summary("papers_settings", papers)
-        if scores.zoo():
+        if sources.zoo:
             theirs = found["author's weights"]
             good = {run: s for run, s in theirs.items() if not s.problem}
             means, stds = [s.mean for s in good.values()], [s.std for s in good.values()]
@@ -110,7 +109,7 @@ def tables() -> list[Table]:
         records.append(record)
     note = (
         "Mean ± sample standard deviation over runs of the average score of 100 rollouts. Ours are "
-        f"of our recipe. The last column is on them, or on {scores.ENOUGH} and more runs at the "
+        f"of our recipe. The last column is on them, or on {ENOUGH} and more runs at the "
         "paper's settings."
     )
     if any("*" in str(cell) for cells in filter(None, rows) for cell in cells):

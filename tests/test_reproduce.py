@@ -1,6 +1,7 @@
 """Tables, figures and report: committed ones match their inputs, new ones follow theirs."""
 
 import csv
+import dataclasses
 import html
 import itertools
 import json
@@ -33,6 +34,7 @@ from reproduce import (
     curves,
     drawing,
     figure5,
+    paths,
     publish,
     readme,
     report,
@@ -46,14 +48,10 @@ from reproduce import (
     tables,
     transfer,
 )
-from reproduce.scores import ROOT
+from reproduce.paths import ROOT, paper, pretrained
+from reproduce.sources import AT_PAPERS, Sources
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
-
-
-@pytest.fixture(autouse=True)
-def no_zoo(monkeypatch):
-    monkeypatch.delenv("ZOO", raising=False)
 
 
 def random_agent(experiment: str, seed: int = 0) -> Agent:
@@ -77,7 +75,7 @@ def project(tmp_path, monkeypatch):
     (tmp_path / "README.md").write_text(f"# Results\n{marks}\nmore\n")
     for name in ("paper.toml", "author.csv"):
         shutil.copyfile(ROOT / "paper" / name, tmp_path / "paper" / name)
-    monkeypatch.setattr(scores, "ROOT", tmp_path)
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
     monkeypatch.setattr(scores, "evaluate", stub_scores)
     return tmp_path
 
@@ -107,9 +105,8 @@ def test_scores_of_the_engine_are_those_of_the_reference_or_none(project, monkey
     with pytest.raises(InputError, match="seed0.safetensors: episode 20 of evaluation seed 0"):
         scores.score(path, "biped")
     assert not list((project / ".cache").rglob("*.json"))
-    monkeypatch.setenv("BACKEND", "reference")
     monkeypatch.setattr(scores, "evaluate", evaluate)
-    assert scores.score(path, "biped").backend == "reference"
+    assert scores.score(path, "biped", "reference").backend == "reference"
 
 
 def test_what_the_reference_has_scored_is_kept_through_ctrl_c(project, monkeypatch):
@@ -143,8 +140,8 @@ def test_a_command_that_is_stopped_ends_with_a_sentence(
     def stopped(*_):
         raise error
 
-    for used in ("output_folder", "representative"):
-        monkeypatch.setattr(scores, used, stopped)
+    for used in ("folder", "representative"):
+        monkeypatch.setattr(Sources, used, property(stopped))
     monkeypatch.setattr(sys, "argv", [module])
     monkeypatch.delitem(sys.modules, f"reproduce.{module}", raising=False)
     with pytest.raises(SystemExit) as end:
@@ -177,7 +174,7 @@ def digits(mean, std) -> str:
 
 @pytest.mark.parametrize("name", table2.WALKERS)
 def test_walkers_score_what_the_committed_table_says(name):
-    path = scores.pretrained(name)[-1]
+    path = pretrained(name)[-1]
     row = OURS[file_hash(path)]
     found = evaluate(load(path), scores.EPISODES, scores.SEED, backend="engine").scores
     assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
@@ -193,7 +190,7 @@ def test_the_authors_walker_scores_what_the_committed_table_says(author_agent):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_committed_cards_say_what_their_checkpoints_score(name):
-    for path in scores.pretrained(name):
+    for path in pretrained(name):
         card, row = path.with_suffix(".md").read_text(), OURS[file_hash(path)]
         assert f"sha256 {row['sha256']}" in card
         assert f"**Score** {float(row['mean']):.1f} ± {float(row['std']):.1f} over 100" in card
@@ -223,8 +220,8 @@ def test_whatever_an_item_needs_makes_it_again_when_it_changes(project, monkeypa
     assert build.make("table1")
     assert (project / "paper/tables/table1.csv").read_text() != before
     assert [build.make(name) for name in ("table1", "figure2", "table2")] == [None] * 3
-    monkeypatch.setenv("BACKEND", "reference")
-    assert build.make("table1") and build.make("table1") is None
+    reference = Sources(backend="reference")
+    assert build.make("table1", reference) and build.make("table1", reference) is None
 
 
 def test_stopped_build_leaves_whole_files_and_is_made_again(project, monkeypatch):
@@ -264,7 +261,7 @@ def test_a_layout_that_differs_in_its_last_bits_gives_the_same_files(project):
         axes = figure.add_axes((0.1 + shift, 0.1, 0.8, 0.8))
         axes.plot([0, 1])
         axes.add_patch(Circle((0.5, 0.5), 0.2))
-        return [path.read_bytes() for path in drawing.save("figure", figure)]
+        return [path.read_bytes() for path in drawing.save(project, "figure", figure)]
 
     assert files(0.0) == files(1e-15)
 
@@ -325,8 +322,8 @@ def test_runs_at_the_papers_settings_have_a_column_and_come_first_when_they_are_
         ][i]
         for i in (0, -1)
     )
-    assert (first["source"], first["seed"]) == (scores.AT_PAPERS, "0")
-    assert second["source"] == scores.OURS
+    assert (first["source"], first["seed"]) == (AT_PAPERS, "0")
+    assert second["source"] == "ours"
     for path in (project / "pretrained" / hardcore).glob("seed*"):
         path.unlink()  # the recipe's leave once there are as many
     for name in ("table1", "table2", "table3", "table4", "statistics", "readme"):
@@ -341,12 +338,12 @@ def test_statistics_at_the_papers_settings_need_two_runs_of_both(project):
     pretrain(project, "biped-hardcore", "paper-seed1", 9)
     build.make("statistics")
     text = (project / "paper/tables/statistics.md").read_text()
-    assert "(g) over (f): 3 and 1" in text and scores.AT_PAPERS not in text
+    assert "(g) over (f): 3 and 1" in text and AT_PAPERS not in text
     pretrain(project, "biped-hardcore", "paper-seed2", 8)
     build.make("statistics")
     text = (project / "paper/tables/statistics.md").read_text()
     assert "(g) over (f): 3" not in text
-    [line] = [line for line in text.splitlines() if scores.AT_PAPERS in line]
+    [line] = [line for line in text.splitlines() if AT_PAPERS in line]
     assert line.startswith("| (g) over (f)") and " 3, 2 " in line
 
 
@@ -359,6 +356,12 @@ def test_a_single_items_tables_come_last_without_hashes(project, capsys):
         assert out.startswith("table3: ") and out.count("| (c) | Biped ") == 1
         assert file_hash(path)[:16] not in out
     assert file_hash(path)[:16] in (project / "paper/tables/table3.md").read_text()
+
+
+def test_tables_have_the_papers_experiments_whatever_else_is_registered(project, monkeypatch):
+    mine = dataclasses.replace(EXPERIMENTS["biped"], name="my-biped")
+    monkeypatch.setitem(EXPERIMENTS, mine.name, mine)
+    assert all(build.make(name) for name in ("table3", "table4", "statistics"))
 
 
 def test_unusable_checkpoints_are_named_and_the_rest_goes_on(project):
@@ -381,7 +384,7 @@ def test_unusable_checkpoints_are_named_and_the_rest_goes_on(project):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_papers_summary_follows_from_its_runs(name):
-    printed = scores.paper()
+    printed = paper()
     mean, std = printed["table3"][name]
     runs = printed["table4"][name]
     assert np.mean(runs) == pytest.approx(mean, abs=1)  # printed runs are rounded
@@ -390,10 +393,10 @@ def test_papers_summary_follows_from_its_runs(name):
 
 def test_tables_print_the_papers_bodies_from_the_authors_weights(author_agent):
     shown = table1.percentages(author_agent("ant-morphology").design).round()
-    printed = scores.paper()["table1"]
+    printed = paper()["table1"]
     assert shown.tolist() == [printed[part] for part in ("top", "middle", "bottom")]
     for name in table2.WALKERS:
-        printed = scores.paper()["table2"][name]
+        printed = paper()["table2"][name]
         area, sizes = table2.legs(author_agent(name).scales)
         assert round(area) == printed["leg_area"]
         assert sizes.round(1).tolist() == printed["dimensions"]
@@ -408,14 +411,13 @@ def test_cells_lead_to_where_their_numbers_come_from():
     assert "[" not in table.markdown() + table.latex()
 
 
-def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, author_agent):
+def test_zoo_adds_all_runs_that_are_there(project, author_agent):
     author_agent("biped")  # skips without the author's weights
     clone = project / "clones" / "estool" / "zoo"
     (clone / "more" / "biped").mkdir(parents=True)
     for name in ("biped.json", "more/biped/biped.7.json"):
         shutil.copyfile(author.file_of(author.zoo(), "biped"), clone / name)
-    monkeypatch.setenv("ZOO", str(project / "clones"))
-    assert build.make("table4")
+    assert build.make("table4", Sources(str(project / "clones")))
     lines = (project / "paper/with-zoo/tables/table4.md").read_text().splitlines()
     row = next(line for line in lines if line.startswith("| (c) Biped ") and "author" in line)
     cells = [cell.strip() for cell in row.split("|")[3:-1]]
@@ -425,8 +427,8 @@ def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, author_agent):
 
 def test_wrong_zoo_says_what_was_looked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("ZOO", str(tmp_path))
-    with pytest.raises(SystemExit, match="looked in it.*robo_ant.json.*augmentbiped.json"):
-        scores.zoo()
+    with pytest.raises(InputError, match="looked in it.*robo_ant.json.*augmentbiped.json"):
+        Sources.asked()
 
 
 # ------------------------------------------------------------------------------------- statistics
@@ -548,16 +550,16 @@ def test_figure5_draws_published_runs_and_marks_those_that_are_unfinished(projec
     learned = "biped-hardcore-morphology"
     for folder in (f"logs/{learned}", f"logs/unfinished/{learned}"):
         record(project / folder / "paper-seed1/generations.mcap", learned)
-    left, right = figure5.figures()["figure5"].axes
+    left, right = figure5.figures(Sources())["figure5"].axes
     marks = [line.get_marker() for line in right.lines]
     texts = right.get_legend_handles_labels()[1]
     assert "o" not in marks and "ours, learned body: 1 run" in texts, "one of them is published"
     assert "ours, original body: no run yet" in texts
     record(project / f"logs/unfinished/{learned}/paper-seed2/generations.mcap", learned, seed=2)
-    left, right = figure5.figures()["figure5"].axes
+    left, right = figure5.figures(Sources())["figure5"].axes
     assert [line.get_marker() for line in right.lines].count("o") == 1
     assert "ours, learned body: 2 runs (1 unfinished)" in right.get_legend_handles_labels()[1]
-    [run] = [runs.read_run(path) for path in figure5.paths(learned)[1:]]
+    [run] = [runs.read_run(path) for path in figure5.recorded(learned)[1:]]
     drawn = [line.get_ydata().tolist() for line in left.lines]
     assert (run.mean - 100).tolist() in drawn, "less 100, as in the paper's"
 
@@ -725,7 +727,7 @@ def test_ppos_figure_shows_each_seed_their_mean_and_its_interval(project):
     for seed, last in enumerate((100, 200, 300)):
         text = f"# origin\nsteps,mean,sd,episodes\n0,-100,1,5\n1000000,{last},1,5\n"
         write_curve(project, "flat", "learned", seed, text)
-    flat, hardcore = transfer.figures()["transfer"].axes
+    flat, hardcore = transfer.figures(Sources())["transfer"].axes
     assert [line.get_ydata().tolist() for line in flat.lines[:4]] == [
         *([-100, last] for last in (100, 200, 300)),
         [-100, 200],
@@ -761,7 +763,7 @@ def test_curves_that_do_not_fit_are_named(project, text, message):
     write_curve(project, "flat", "original", 0, "steps,mean\n0,1\n5,2\n")
     write_curve(project, "flat", "original", 1, text)
     with pytest.raises(InputError, match=f"seed1.csv {message}"):
-        transfer.figures()
+        transfer.figures(Sources())
 
 
 @pytest.mark.skipif(missing_reason() is not None, reason=str(missing_reason()))
@@ -774,7 +776,7 @@ def test_ppo_writes_a_curve_that_the_figure_reads(project):
     steps, means = transfer.read_curves([out])
     assert steps.tolist() == [0, 256] and np.isfinite(means).all()
     assert file_hash(body) in out.read_text()
-    transfer.figures()
+    transfer.figures(Sources())
     missing = "import designrl.engine as e; e._load = lambda: 'the engine is not there'; "
     missing += "import runpy, sys; del sys.argv[0]; runpy.run_path(sys.argv[0], None, '__main__')"
     slow = project / "slow.csv"

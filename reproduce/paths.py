@@ -1,0 +1,52 @@
+"""Where the project keeps what its tables and figures are made of."""
+
+import tomllib
+from pathlib import Path
+
+from designrl.experiments import PAPERS
+
+ROOT = Path(__file__).resolve().parents[1]
+EIGHT = {experiment.name: experiment for experiment in PAPERS}  # whatever else is registered
+
+
+def paper() -> dict:
+    """The paper's printed numbers."""
+    return tomllib.loads((ROOT / "paper" / "paper.toml").read_text(encoding="utf-8"))
+
+
+def shown(path: Path) -> str:
+    """A path as a reader of the repository would write it."""
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else path.name
+
+
+def pretrained(experiment: str) -> list[Path]:
+    """Our checkpoints of an experiment, by seed; those at the paper's settings last."""
+    found = (ROOT / "pretrained" / experiment).glob("*seed*.safetensors")
+    return sorted(found, key=lambda path: (at_papers_settings(path), seed(path)))
+
+
+def at_papers_settings(path: Path) -> bool:
+    """Whether a checkpoint, or a recording's folder, is of a run at the paper's settings."""
+    return path.name.startswith("paper-")
+
+
+def seed(path: Path) -> int:
+    """The seed of one of our runs, from the name of its checkpoint or folder."""
+    return int(path.stem.rpartition("seed")[2])
+
+
+def recordings(experiment: str) -> list[Path]:
+    """The recordings of our runs of an experiment, that with the paper's own settings first."""
+    return sorted((ROOT / "logs" / experiment).glob("*seed*/generations.mcap"))
+
+
+def unfinished(experiment: str) -> list[Path]:
+    """The recordings of runs at the paper's settings that are still being trained."""
+    found = (ROOT / "logs" / "unfinished" / experiment).glob("paper-*/generations.mcap")
+    published = {path.parent.name for path in recordings(experiment)}
+    return sorted(path for path in found if path.parent.name not in published)
+
+
+def recording_of(checkpoint: Path) -> Path:
+    """The recording of the run that one of our checkpoints is of."""
+    return ROOT / "logs" / checkpoint.parent.name / checkpoint.stem / "generations.mcap"
