@@ -17,7 +17,7 @@ import numpy as np
 from designrl.errors import InputError
 from designrl.files import write_atomically
 from reproduce import build, curves, figure5, paths, readme, studies, table2, transfer
-from reproduce.paths import EIGHT, recording_of, shown
+from reproduce.paths import EIGHT, paper, recording_of, shown
 from reproduce.runs import Run, read_run
 from reproduce.scores import Score, rewards_small_legs, title, usable
 from reproduce.sources import AT_PAPERS, OURS, Sources
@@ -117,7 +117,7 @@ def costs(runs: list[tuple[Score, Run]]) -> str:
 
     rows = []
     for s, run in runs:
-        e, solved, paper = s.agent.experiment, "", ""
+        e, solved, theirs = s.agent.experiment, "", ""
         if e.name in table2.WALKERS and not rewards_small_legs(e.name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
@@ -125,9 +125,9 @@ def costs(runs: list[tuple[Score, Run]]) -> str:
                 solved = f"{at + 1:,}; {core_hours:.2f}"
         if "hours" in (printed := paper()["text"].get(e.name, {})):
             core_hours = printed["hours"] * curves.PAPER_CORES
-            paper = f"{printed['generations']:,}; {core_hours:,}"
+            theirs = f"{printed['generations']:,}; {core_hours:,}"
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
-        cells = [*spent(*total([(s, run)])), f"{run.hours[-1]:.2f}", solved, paper]
+        cells = [*spent(*total([(s, run)])), f"{run.hours[-1]:.2f}", solved, theirs]
         rows.append([Cell(f"{title(e.name)}, {s.run}", e.name), done, *cells])
     rows.append([f"All {len(runs)} published runs", "", *spent(*total(runs)), "", "", ""])
     header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]

@@ -105,8 +105,10 @@ def test_links_lead_somewhere():
 
 
 def learning_rate(s: TrainSettings) -> str:
-    falls = s.learning_rate_decay != 1
-    return f"{s.learning_rate}" + (f" × {s.learning_rate_decay}ᵍ" if falls else ", constant")
+    if s.learning_rate_decay == 1:
+        return f"{s.learning_rate}, constant"
+    falls = f"{s.learning_rate} × {s.learning_rate_decay} a generation"
+    return f"{falls}, at least {s.learning_rate_floor}"
 
 
 def test_the_recipes_in_the_table_are_those_of_the_experiments():
@@ -117,8 +119,7 @@ def test_the_recipes_in_the_table_are_those_of_the_experiments():
         "candidates × rollouts": lambda s: f"{s.population} × {s.rollouts}",
         "generations": lambda s: f"{s.generations:,}",
         "learning rate": learning_rate,
-        "but at least": lambda s: f"{s.learning_rate_floor or '–'}",
-        "decay of σ": lambda s: f"{s.sigma_decay}ᵍ",
+        "σ": lambda s: f"× {s.sigma_decay} a generation",
         "agent": lambda s: {"best": "the best candidate of a generation", "mean": "μ"}[s.keep],
     }
     page = (ROOT / "pretrained/README.md").read_text()

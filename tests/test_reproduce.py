@@ -647,10 +647,14 @@ def test_another_run_is_published_only_when_asked(published_run, project):
 
 
 def test_report_of_a_project_with_a_run(project):
-    pretrain(project, "biped")
+    for experiment in ("biped", "biped-hardcore"):
+        pretrain(project, experiment)
+        record(project / "logs" / experiment / "seed0/generations.mcap", experiment)
     for name in build.ITEMS:
         build.make(name)
     text = (project / "paper/report.md").read_text()
+    assert "The 2 published runs took 0 core-hours" in text
+    assert re.search(r"\(f\) Biped Hardcore, seed 0\]\(#origin-f\) +\| 4 \(10,000\)", text)
     assert "{{" not in text and str(project) not in text
     assert "[305](#origin-c)" in text, "numbers link to their origin"
     assert build.make("report") is None
