@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from reproduce import drawing, paths
 from reproduce.curves import COLOURS, HARDCORE, LABELS
 from reproduce.paths import at_papers_settings, paper, recordings, unfinished
-from reproduce.runs import SOLVED, read_run
+from reproduce.runs import SOLVED, read_published
 from reproduce.sources import Sources
 
 CAPTIONS = {
@@ -71,7 +71,7 @@ def draw_ours(left: Axes, right: Axes, experiment: str, colour: str) -> None:
     if not found:
         right.plot([], [], color=colour, linewidth=0.8, label=f"ours, {body}: no run yet")
     for path in found:
-        run = read_run(path)
+        run = read_published(path)
         mean = run.mean + OFFSET
         left.plot(run.generation, mean, rasterized=True, **style)
         low, high = mean - BAND * run.sd, mean + BAND * run.sd

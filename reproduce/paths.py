@@ -1,5 +1,6 @@
 """Where the project keeps what its tables and figures are made of."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -22,7 +23,8 @@ def shown(path: Path) -> str:
 def pretrained(experiment: str) -> list[Path]:
     """Our checkpoints of an experiment, by seed; those at the paper's settings last."""
     found = (ROOT / "pretrained" / experiment).glob("*seed*.safetensors")
-    return sorted(found, key=lambda path: (at_papers_settings(path), seed(path)))
+    runs = [path for path in found if seed_of(path.stem) is not None]
+    return sorted(runs, key=lambda path: (at_papers_settings(path), seed_of(path.stem)))
 
 
 def at_papers_settings(path: Path) -> bool:
@@ -30,9 +32,10 @@ def at_papers_settings(path: Path) -> bool:
     return path.name.startswith("paper-")
 
 
-def seed(path: Path) -> int:
-    """The seed of one of our runs, from the name of its checkpoint or folder."""
-    return int(path.stem.rpartition("seed")[2])
+def seed_of(name: str) -> int | None:
+    """The seed of a published run, "seed3" or "paper-seed3"; None where that is no such name."""
+    found = re.fullmatch(r"(?:paper-)?seed(\d+)", name)
+    return int(found[1]) if found else None
 
 
 def recordings(experiment: str) -> list[Path]:

@@ -16,7 +16,7 @@ from designrl.errors import InputError
 from designrl.files import write_atomically
 from reproduce import paths, statistics
 from reproduce.paths import EIGHT, paper, recording_of
-from reproduce.runs import read_run
+from reproduce.runs import read_published
 from reproduce.scores import EPISODES, SEED
 from reproduce.sources import AT_PAPERS, ENOUGH, OURS, Sources, our_runs
 from reproduce.table3 import over_runs, verdict
@@ -140,7 +140,7 @@ def speed(source: str) -> str:
     """What our runs of one source say of that; empty where there are too few."""
     parts, solved_at = [], []
     for name, words in zip(HARDCORE, ("the original body", "a learned body"), strict=True):
-        runs = [read_run(path) for path in recordings(name, source) if path.exists()]
+        runs = [read_published(path) for path in recordings(name, source) if path.exists()]
         if len(runs) < (1 if source == OURS else 2):
             return ""
         at = [np.inf if run.solved_at() is None else run.solved_at() + 1 for run in runs]

@@ -8,7 +8,6 @@ import base64
 import html
 import itertools
 import re
-from contextlib import suppress
 from pathlib import Path
 
 import markdown
@@ -18,7 +17,7 @@ from designrl.errors import InputError
 from designrl.files import write_atomically
 from reproduce import build, curves, figure5, paths, readme, studies, table2, transfer
 from reproduce.paths import EIGHT, paper, recording_of, shown
-from reproduce.runs import Run, read_run
+from reproduce.runs import Run, read_published
 from reproduce.scores import Score, rewards_small_legs, title, usable
 from reproduce.sources import AT_PAPERS, OURS, Sources
 from reproduce.tables import PAPER, Cell, Table
@@ -84,12 +83,16 @@ def answers() -> str:
     return readme.answers().replace("](docs/", "](../docs/")
 
 
-def recorded(ours: dict[str, list[Score]]) -> list[tuple[Score, Run]]:
-    """Our runs with their recordings; those that cannot be read are missing."""
+def recorded(ours: dict[str, list[Score]]) -> list[tuple[Score, Run | str]]:
+    """Our runs with their recordings, or what is wrong with these."""
     found = []
     for s in (s for runs in ours.values() for s in usable(runs)):
-        with suppress(InputError):
-            found.append((s, read_run(recording_of(s.path))))
+        log = recording_of(s.path)
+        try:
+            found.append((s, read_published(log)))
+        except InputError as error:
+            said = str(error).replace(str(log), shown(log)) if log.exists() else "no recording"
+            found.append((s, said))
     return found
 
 
@@ -109,15 +112,19 @@ def total(runs: list[tuple[Score, Run]]) -> tuple[int, float]:
     return steps, sum(run.core_hours[-1] for _, run in runs)
 
 
-def costs(runs: list[tuple[Score, Run]]) -> str:
+def costs(found: list[tuple[Score, Run | str]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
 
     def spent(steps: float, core_hours: float) -> list[str]:
         return [f"{steps / 1e6:,.0f} M", f"{core_hours:.2f}"]
 
-    rows = []
-    for s, run in runs:
+    rows, runs = [], [(s, run) for s, run in found if isinstance(run, Run)]
+    for s, run in found:
         e, solved, theirs = s.agent.experiment, "", ""
+        label = Cell(f"{title(e.name)}, {s.run}", e.name)
+        if not isinstance(run, Run):
+            rows.append([label, run, *[""] * 5])
+            continue
         if e.name in table2.WALKERS and not rewards_small_legs(e.name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
@@ -128,7 +135,7 @@ def costs(runs: list[tuple[Score, Run]]) -> str:
             theirs = f"{printed['generations']:,}; {core_hours:,}"
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
         cells = [*spent(*total([(s, run)])), f"{run.hours[-1]:.2f}", solved, theirs]
-        rows.append([Cell(f"{title(e.name)}, {s.run}", e.name), done, *cells])
+        rows.append([label, done, *cells])
     rows.append([f"All {len(runs)} published runs", "", *spent(*total(runs)), "", "", ""])
     header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
     header += ["Solved: generation; core-hours", "In the paper"]
@@ -209,11 +216,12 @@ def main(sources: Sources) -> list[Path]:
         name: [s for source in (OURS, AT_PAPERS) for s in found[source].values()]
         for name, found in sources.by_source(*EIGHT).items()
     }
-    runs = recorded(ours)
+    found = recorded(ours)
+    runs = [(s, run) for s, run in found if isinstance(run, Run)]
     parts = {
         "answers": answers(),
         "total_cost": total_cost(runs),
-        "costs": costs(runs),
+        "costs": costs(found),
         "author_log_answer": studies.author_log_answer(),
         "transfer_answer": transfer.answer(),
         "origins": origins(ours),

@@ -8,7 +8,7 @@ from designrl import author
 from designrl.errors import InputError
 from designrl.simulation import BACKENDS
 from reproduce import paths, scores
-from reproduce.paths import EIGHT, at_papers_settings, pretrained, seed
+from reproduce.paths import EIGHT, at_papers_settings, pretrained, seed_of
 from reproduce.scores import Score, usable
 
 OURS, AT_PAPERS = "ours", "ours, the paper's settings"
@@ -22,7 +22,7 @@ def our_runs(experiment: str) -> dict[str, dict[int, Path]]:
     """
     found: dict[str, dict[int, Path]] = {OURS: {}, AT_PAPERS: {}}
     for path in pretrained(experiment):
-        found[AT_PAPERS if at_papers_settings(path) else OURS][seed(path) + 1] = path
+        found[AT_PAPERS if at_papers_settings(path) else OURS][seed_of(path.stem) + 1] = path
     first = AT_PAPERS if len(found[AT_PAPERS]) >= ENOUGH else OURS
     return {first: found[first]} | found
 

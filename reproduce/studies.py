@@ -15,9 +15,9 @@ from designrl.names import load
 from designrl.provenance import core_count
 from reproduce import drawing, paths
 from reproduce.curves import STEPS
-from reproduce.paths import EIGHT, paper, pretrained, recordings, unfinished
+from reproduce.paths import EIGHT, paper, pretrained, recordings, seed_of, unfinished
 from reproduce.program import program
-from reproduce.runs import SOLVED, Run, read_run
+from reproduce.runs import SOLVED, Run, read_published, read_run
 from reproduce.sources import Sources
 from reproduce.tables import as_csv
 
@@ -50,9 +50,14 @@ EPISODES, SEED = 1000, 1  # not those of the tables
 AUTHOR = "author's"
 
 
-def study(name: str) -> list[Path]:
+def recorded(study: str) -> list[Path]:
     """The recordings of a study's runs, by seed."""
-    return sorted((paths.ROOT / "logs" / "studies" / name).glob("seed*/generations.mcap"))
+    return sorted((paths.ROOT / "logs" / "studies" / study).glob("seed*/generations.mcap"))
+
+
+def study(name: str, experiment: str) -> list[Run]:
+    """A study's runs, of an experiment."""
+    return [read_run(path, experiment, seed_of(path.parent.name)) for path in recorded(name)]
 
 
 def falls_file() -> Path:
@@ -62,8 +67,8 @@ def falls_file() -> Path:
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the figures depend on."""
-    rates = [*recordings(LEARNER), *unfinished(LEARNER), *study(FAST)]
-    return [paths.ROOT / "paper" / "paper.toml", falls_file(), *study(AUTHOR_LOG), *rates]
+    rates = [*recordings(LEARNER), *unfinished(LEARNER), *recorded(FAST)]
+    return [paths.ROOT / "paper" / "paper.toml", falls_file(), *recorded(AUTHOR_LOG), *rates]
 
 
 # ---------------------------------------------------------------------------- the author's log
@@ -79,7 +84,7 @@ def author_log() -> Figure:
     """The author's log over our runs with his settings."""
     figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
-    runs = [read_run(path) for path in study(AUTHOR_LOG)]
+    runs = study(AUTHOR_LOG, "biped")
     label = f"ours, {len(runs)} seeds"
     for run in runs:
         axes.plot(
@@ -102,7 +107,7 @@ def author_log() -> Figure:
 
 def author_log_answer() -> str:
     """How the author's log lies to our runs, in a sentence."""
-    runs = [read_run(path) for path in study(AUTHOR_LOG)]
+    runs = study(AUTHOR_LOG, "biped")
     if not runs:
         return "There is no run with his settings yet."
     at, mean = np.transpose(paper()["author_log"]["population"])
@@ -131,7 +136,7 @@ def learning_rates() -> Figure:
     """Evaluations over steps, for each learning rate."""
     figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
     axes = figure.subplots()
-    runs = [read_run(path) for path in [*recordings(LEARNER), *unfinished(LEARNER)]]
+    runs = [read_published(path) for path in [*recordings(LEARNER), *unfinished(LEARNER)]]
 
     def draw(runs: list[Run], label: str, colour: str) -> None:
         for run in runs:
@@ -140,7 +145,7 @@ def learning_rates() -> Figure:
             axes.plot(steps, run.scores, label=f"{label} ({len(runs)})", **style)
 
     draw([run for run in runs if not run.papers], "0.01, falling slowly", drawing.LEARNED)
-    draw([read_run(path) for path in study(FAST)], "0.03, falling fast", drawing.THIRD)
+    draw(study(FAST, LEARNER), "0.03, falling fast", drawing.THIRD)
     papers = [run for run in runs if run.papers]
     draw(papers, "0.01, constant, four times the rollouts: the paper's", drawing.ORIGINAL)
     axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
