@@ -584,7 +584,7 @@ def record(path: Path, experiment: str, seed: int = 0) -> None:
 def test_figure5_draws_published_runs_and_marks_those_that_are_unfinished(project):
     learned = "biped-hardcore-morphology"
     for folder in (f"logs/{learned}", f"logs/unfinished/{learned}"):
-        record(project / folder / "paper-seed1/generations.mcap", learned)
+        record(project / folder / "paper-seed1/generations.mcap", learned, seed=1)
     left, right = figure5.figures(Sources())["figure5"].axes
     marks = [line.get_marker() for line in right.lines]
     texts = right.get_legend_handles_labels()[1]
