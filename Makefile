@@ -1,7 +1,8 @@
 # Each target does whatever set-up it needs; a second call sets nothing up again. What trains, and
 # the tests, add PyTorch to it (make setup-train).
 #   make reproduce                   all tables, figures and the report, as far as out of date
-#   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
+#   make reproduce-table3            one of them: table1 to table4, figure1 to figure7,
+#                                    curves, studies, statistics, transfer, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
 #   make page                        docs/page/index.html: the walker in the browser, and all results

@@ -28,6 +28,7 @@ from reproduce import drawing, paths, scores
 from reproduce.paths import shown
 from reproduce.program import program
 from reproduce.sources import Sources
+from reproduce.tables import ORIGINS
 
 ITEMS = (
     "table1",
@@ -42,6 +43,8 @@ ITEMS = (
     "figure5",
     "figure6",
     "figure7",
+    "curves",
+    "studies",
     "transfer",
     "readme",  # the last two show the others
     "report",
@@ -139,7 +142,7 @@ def make(name: str, sources: Sources = OURS) -> list[Path] | None:
 
 
 def main(names: list[str]) -> None:
-    """Make the named items, or all; of a single one, print its tables."""
+    """Make the named items, or all; of a single one, print its tables last."""
     unknown = [name for name in names if name not in ITEMS]
     if unknown:
         sys.exit(f"reproduce: there is no {unknown[0]!r}; there are {', '.join(ITEMS)}")
@@ -147,13 +150,20 @@ def main(names: list[str]) -> None:
     with tqdm(names or ITEMS, unit="item", disable=len(names) == 1, dynamic_ncols=True) as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            written = make(name, sources)
-            if len(names) == 1:
-                for path in kept_in(manifest(name, sources))["outputs"]:
-                    if "tables/" in path and path.endswith(".md"):
-                        print((paths.ROOT / path).read_text(encoding="utf-8"))
-            files = ", ".join(shown(path) for path in written or ())
+            files = ", ".join(shown(path) for path in make(name, sources) or ())
             tqdm.write(f"{name}: {files or 'up to date'}")
+    if len(names) == 1:
+        print_tables(names[0], sources)
+    report = shown(sources.folder / "report.md")
+    print(f"\nThe report: {report} (make reproduce brings it up to date)")
+
+
+def print_tables(name: str, sources: Sources) -> None:
+    """Print an item's tables, without the hashes that stand below them in their files."""
+    for path in kept_in(manifest(name, sources))["outputs"]:
+        if "tables/" in path and path.endswith(".md"):
+            text = (paths.ROOT / path).read_text(encoding="utf-8")
+            print(f"\n{text.partition(ORIGINS)[0].strip()}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Figure 5: learning curves of hardcore, with the original and with a learned body.
+"""Figure 5: learning curves of hardcore, the paper's and ours at the paper's settings.
 
-CAPTIONS says what they show. In the same way the curves of the other experiments.
+CAPTIONS says what it shows. Runs that are still being trained are drawn as far as they are.
 """
 
 from pathlib import Path
@@ -9,140 +9,97 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from designrl.errors import InputError
 from reproduce import drawing, paths
-from reproduce.paths import EIGHT, paper, recordings, shown
-from reproduce.runs import SOLVED, Run, read_published
-from reproduce.scores import rewards_small_legs
+from reproduce.curves import COLOURS, HARDCORE, LABELS
+from reproduce.paths import at_papers_settings, paper, recordings, unfinished
+from reproduce.runs import SOLVED, read_published
 from reproduce.sources import Sources
 
 CAPTIONS = {
     "figure5": (
         "Figure 5",
-        "Hardcore learning curves, with the original and a learned body, over generations (the "
-        "recipe's have 192 candidates with 4 rollouts, the paper's 192 with 16), environment steps "
-        "and core-hours. Above, the population's return as training sees it: a fall costs nothing, "
-        "success earns 100 more, so it does not compare with scores. Below, the best evaluated "
-        "agent so far, by its score. A line for each run. Dashed: 300 points, solved. Dotted: when "
-        "the paper's runs, with its settings, had solved it.",
-    ),
-    "curves": (
-        "Curves on flat terrain",
-        "The same curves for the walkers on flat terrain. What matters there is above 300 points, "
-        "so the lower panels begin at 250.",
-    ),
-    "curves_smaller_leg": (
-        "Curves of the walkers with smaller legs",
-        "The same curves for the walkers that are rewarded for smaller legs; their points, below "
-        "too, are those of training's reward, with the factor for the legs' area.",
-    ),
-    "curves_ant": ("Curves of the ants", "The same curves for the ants."),
+        "Hardcore learning curves at the paper's settings, 192 candidates with 16 rollouts each, "
+        "with the original and a learned body. Thick: the paper's curves, read from its figure. "
+        "Thin: ours, a line for each run; a circle marks how far an unfinished run has come. "
+        "Left, the population's mean ± 2 standard deviations (the paper's: dashed, where they were "
+        "read). These are points of training, where a fall costs nothing and success earns 100 "
+        "more, less 100, as in the paper's figure. Right, the score of the generation's best agent "
+        "over 100 rollouts (ours over 3,072). The grey line is at 300 points: solved.",
+    )
 }
-EXPERIMENTS_OF = {
-    "figure5": ("biped-hardcore", "biped-hardcore-morphology"),
-    "curves": ("biped", "biped-morphology"),
-    "curves_smaller_leg": ("biped-morphology-smaller-leg", "biped-hardcore-morphology-smaller-leg"),
-    "curves_ant": ("ant", "ant-morphology"),
-}
-LABELS = {"biped-hardcore": "Original body", "biped-hardcore-morphology": "Learned body"}
-COLOURS = (drawing.ORIGINAL, drawing.LEARNED)
-FLAT, CLOSE_FROM = ("biped", "biped-morphology"), 250  # points
-PAPER_CORES = 96
-STEPS = "environment steps (millions)"
-AXES = ("generation", STEPS, "core-hours")
+OFFSET = -100.0  # points, of the paper's left panel
+BAND = 2  # standard deviations
 
 
-def returns(experiment: str) -> tuple[str, str]:
-    """What the panels show, above and below."""
-    small_legs = rewards_small_legs(experiment)
-    unit = "with the factor for legs" if small_legs else "points"
-    return "population's mean\nreturn in training", f"best evaluation so far\n({unit})"
+def recorded(experiment: str) -> list[Path]:
+    """The recordings of our runs at the paper's settings, those of unfinished ones last."""
+    done = [path for path in recordings(experiment) if at_papers_settings(path.parent)]
+    return done + unfinished(experiment)
 
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the figure depends on."""
-    found = [path for name in EIGHT for path in recordings(name)]
-    return [paths.ROOT / "paper" / "paper.toml", *found]
+    ours = [path for name in HARDCORE for path in recorded(name)]
+    return [paths.ROOT / "paper" / "paper.toml", *ours]
 
 
-def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
-    """An experiment's runs, and what cannot be drawn, in words."""
-    missing = [] if recordings(experiment) else [f"{label}: no recording yet"]
-    runs = []
-    for path in recordings(experiment):
-        try:
-            runs.append(read_published(path))
-        except InputError as error:
-            said = str(error).replace(str(path), shown(path))
-            missing.append(f"{label}, {path.parent.name}: not drawn ({said})")
-    return runs, missing
+def draw_paper(left: Axes, right: Axes, experiment: str, colour: str) -> None:
+    """Draw the paper's curves."""
+    printed = paper()["figure5"][experiment]
+    label = f"the paper's, {LABELS[experiment].lower()}"
+    style = {"color": colour, "linewidth": 2, "alpha": 0.8, "label": label}
+    generation, mean = np.transpose(printed["population"])
+    gaps = np.flatnonzero(np.diff(generation) > 2 * np.median(np.diff(generation)))
+    for part in np.split(np.arange(len(mean)), gaps + 1):
+        left.plot(generation[part], mean[part], **style)
+    if "spread" in printed:
+        at, sd = np.transpose(printed["spread"])
+        middle = np.interp(at, generation, mean)
+        for edge in (middle - BAND * sd, middle + BAND * sd):
+            left.plot(at, edge, color=colour, linewidth=1, linestyle="--")
+    right.plot(*np.transpose(printed["best"]), **style)
 
 
-def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colour: str) -> None:
-    """Draw an experiment's runs over one of AXES: the population above, evaluations below."""
-    for run in runs:
-        at = (run.generation, run.steps / 1e6, run.core_hours)[AXES.index(axis)]
-        tested = np.interp(run.tested, run.generation, at)
-        style = {"color": colour, "alpha": 0.6, "linewidth": 2 if run.papers else 0.8}
-        style["label"] = f"{label}, the paper's settings" if run.papers else label
-        # Thousands of generations a run would be megabytes as vectors.
-        above.plot(at, run.mean, rasterized=True, **style)
-        below.step(tested, np.maximum.accumulate(run.scores), where="post", **style)
-
-
-def show_differences(axes: Axes, experiment: str) -> None:
-    """On flat ground, where every good score is near 350, show only what is above CLOSE_FROM."""
-    if experiment in FLAT and axes.lines and axes.get_ylim()[1] > SOLVED:
-        axes.set_ylim(bottom=CLOSE_FROM)
-
-
-def mark_paper(axes: Axes, axis: str, experiment: str, label: str, colour: str) -> None:
-    """When the paper's run had solved the task, where it says so."""
-    solved = paper()["text"].get(experiment, {})
-    if axis == STEPS or "hours" not in solved:
-        return
-    at = solved["generations"]
-    if axis == "core-hours":
-        at = solved["hours"] * PAPER_CORES
-        axes.set_xscale("log")  # hours of ours beside thousands of the paper's
-    name = f"the paper's: solved ({label.lower()})"
-    axes.axvline(at, color=colour, linestyle=":", linewidth=1, label=name)
-
-
-def curves(experiments: tuple[str, ...]) -> Figure:
-    """The learning curves of some experiments: two panels for each of AXES."""
-    labels = {name: LABELS.get(name, EIGHT[name].title) for name in experiments}
-    found = {name: read_runs(name, label) for name, label in labels.items()}
-    figure = Figure(figsize=(drawing.WIDTH, 3.9), layout="constrained")
-    panels = figure.subplots(2, len(AXES), sharex="col", sharey="row")
-    for axis, (above, below) in zip(AXES, panels.T, strict=True):
-        for (name, (runs, _)), colour in zip(found.items(), COLOURS, strict=True):
-            draw(above, below, axis, runs, labels[name], colour)
-        for axes in (above, below):
-            if not axes.lines:
-                axes.set_ylim(-150, 400)  # nothing to draw yet
-            axes.margins(x=0.02)
-        if "biped" in experiments or "biped-hardcore" in experiments:
-            below.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
-        show_differences(below, experiments[0])
-        for name, colour in zip(experiments, COLOURS, strict=True):
-            mark_paper(below, axis, name, labels[name], colour)
-        below.set_xlabel(axis)
-        if below.get_xscale() == "linear":
-            below.set_xlim(left=0)
-    for axes, label in zip(panels[:, 0], returns(experiments[0]), strict=True):
-        axes.set_ylabel(label)
-    handles, texts = panels[1, 0].get_legend_handles_labels()
-    named = dict(zip(texts, handles, strict=True))  # once for all runs
-    if named:
-        columns = 2 if max(map(len, named)) < 50 else 1
-        figure.legend(named.values(), named, loc="outside lower center", ncols=columns)
-    notes = [note for _, missing in found.values() for note in missing]
-    if notes:
-        figure.suptitle("; ".join(notes), fontsize=7, color="#B00000")
-    return figure
+def draw_ours(left: Axes, right: Axes, experiment: str, colour: str) -> None:
+    """Draw our runs."""
+    found = recorded(experiment)
+    going_on = len(unfinished(experiment))
+    body = LABELS[experiment].lower()
+    label = f"ours, {body}: {len(found)} run{'s' * (len(found) != 1)}"
+    label += f" ({going_on} unfinished)" if going_on else ""
+    style = {"color": colour, "linewidth": 0.8, "label": label}
+    if not found:
+        right.plot([], [], color=colour, linewidth=0.8, label=f"ours, {body}: no run yet")
+    for path in found:
+        run = read_published(path)
+        mean = run.mean + OFFSET
+        left.plot(run.generation, mean, rasterized=True, **style)
+        low, high = mean - BAND * run.sd, mean + BAND * run.sd
+        band = {"color": colour, "alpha": 0.15, "linewidth": 0, "rasterized": True}
+        left.fill_between(run.generation, low, high, **band)
+        right.plot(run.tested, run.scores, **style)
+        if path.parents[2].name == "unfinished":
+            end = {"color": colour, "marker": "o", "markersize": 3, "markerfacecolor": "white"}
+            left.plot(run.generation[-1], mean[-1], **end)
+            right.plot(run.tested[-1:], run.scores[-1:], **end)
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figures."""
-    return {name: curves(experiments) for name, experiments in EXPERIMENTS_OF.items()}
+    """The figure."""
+    figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    for experiment, colour in zip(HARDCORE, COLOURS, strict=True):
+        draw_paper(left, right, experiment, colour)
+        draw_ours(left, right, experiment, colour)
+    right.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+    left.set_ylabel("population's mean return\nin training, less 100 (points)")
+    right.set_ylabel("best agent's score (points)")
+    right.tick_params(labelleft=True)
+    for axes in (left, right):
+        axes.set_xlabel("generation")
+        axes.set_xlim(left=0)
+        axes.set_ylim(-170, 400)
+    handles, texts = right.get_legend_handles_labels()
+    named = dict(zip(texts, handles, strict=True))  # once for all runs
+    figure.legend(named.values(), named, loc="outside lower center", ncols=2)
+    return {"figure5": figure}

@@ -21,9 +21,15 @@ def shown(path: Path) -> str:
 
 
 def pretrained(experiment: str) -> list[Path]:
-    """Our checkpoints of an experiment by its recipe, by seed."""
-    found = (ROOT / "pretrained" / experiment).glob("seed*.safetensors")
-    return sorted(found, key=lambda path: (len(path.name), path.name))
+    """Our checkpoints of an experiment, by seed; those at the paper's settings last."""
+    found = (ROOT / "pretrained" / experiment).glob("*seed*.safetensors")
+    runs = [path for path in found if seed_of(path.stem) is not None]
+    return sorted(runs, key=lambda path: (at_papers_settings(path), seed_of(path.stem)))
+
+
+def at_papers_settings(path: Path) -> bool:
+    """Whether a checkpoint, or a recording's folder, is of a run at the paper's settings."""
+    return path.name.startswith("paper-")
 
 
 def seed_of(name: str) -> int | None:
@@ -35,6 +41,13 @@ def seed_of(name: str) -> int | None:
 def recordings(experiment: str) -> list[Path]:
     """The recordings of our runs of an experiment, that with the paper's own settings first."""
     return sorted((ROOT / "logs" / experiment).glob("*seed*/generations.mcap"))
+
+
+def unfinished(experiment: str) -> list[Path]:
+    """The recordings of runs at the paper's settings that are still being trained."""
+    found = (ROOT / "logs" / "unfinished" / experiment).glob("paper-*/generations.mcap")
+    published = {path.parent.name for path in recordings(experiment)}
+    return sorted(path for path in found if path.parent.name not in published)
 
 
 def recording_of(checkpoint: Path) -> Path:

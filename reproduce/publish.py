@@ -16,14 +16,14 @@ from matplotlib.figure import Figure
 from tabulate import tabulate
 
 from designrl.errors import InputError
-from designrl.files import write_atomically
+from designrl.files import file_hash, write_atomically
 from designrl.names import load
 from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
-from reproduce import drawing, figure5, paths, scores
+from reproduce import curves, drawing, paths, scores
 from reproduce.paths import EIGHT, paper, recording_of
-from reproduce.runs import Run, read_run
+from reproduce.runs import Run, read_published, read_run
 from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
@@ -61,9 +61,7 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
     record_rollout(agent, rollout, SEED, steps=ROLLOUT_STEPS)
     write_atomically(checkpoint, content)
     learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
-    found = scores.score(checkpoint, agent.experiment.name)
-    write_atomically(checkpoint.with_suffix(".md"), card(found, recorded).encode())
-    add_to_index(found)
+    add_to_index(write_card(checkpoint, agent.experiment.name))
     return f"{checkpoint}, its card, its curve and {log} written"
 
 
@@ -82,6 +80,14 @@ def add_to_index(s: Score) -> None:
 
     index = {name: found[name] for name in sorted(found, key=place)}
     write_atomically(path, json.dumps(index, indent=1).encode() + b"\n")
+
+
+def write_card(checkpoint: Path, experiment: str) -> Score:
+    """Write the card of a checkpoint whose recording is published; returns its score."""
+    found = scores.score(checkpoint, experiment)
+    text = card(found, read_published(recording_of(checkpoint)))
+    write_atomically(checkpoint.with_suffix(".md"), text.encode())
+    return found
 
 
 def index_file() -> Path:
@@ -106,14 +112,14 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
     figure = Figure(figsize=(drawing.WIDTH, 2.3), layout="constrained")
     left, right = figure.subplots(1, 2)
-    figure5.draw(left, right, figure5.STEPS, [run], "this run", drawing.ORIGINAL)
+    curves.draw(left, right, curves.STEPS, [run], "this run", drawing.ORIGINAL)
     name = agent.experiment.name
     if not rewards_small_legs(name):  # the paper's number is without that factor
         mean, _ = paper()["table3"][name]
         right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
-    figure5.show_differences(right, name)
-    for axes, label in zip((left, right), figure5.returns(name), strict=True):
-        axes.set_xlabel(figure5.STEPS)
+    curves.show_differences(right, name)
+    for axes, label in zip((left, right), curves.returns(name), strict=True):
+        axes.set_xlabel(curves.STEPS)
         axes.set_ylabel(label)
     handles, texts = right.get_legend_handles_labels()
     figure.legend(handles, texts, loc="outside lower center", ncols=2)
@@ -121,16 +127,18 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
 
 
 def card(s: Score, run: Run) -> str:
-    """What a reader must know of a checkpoint: score, cost, curve, body, command."""
+    """What a reader must know of a checkpoint: score, cost, curve, body, command, origin."""
     m, experiment, design = s.agent.metadata, s.agent.experiment, s.agent.experiment.design
     error = 1.96 * s.std / np.sqrt(len(s.returns))
     mean, std = paper()["table3"][experiment.name]
     factor = ", with the reward for smaller legs" * rewards_small_legs(experiment.name)
     paragraphs = [
-        f"# {experiment.title}, seed {m['seed']}",
+        f"# {experiment.title}, {s.run}",
         f"({experiment.letter}) of Table 3; `{s.path.name}`, sha256 {s.sha256}.",
         f"**Score** {s.mean:.1f} ± {s.std:.1f} over {EPISODES} rollouts (95 % interval of "
-        f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; evaluation seed {SEED}). "
+        f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; median "
+        f"{np.median(s.returns):.1f}, lowest {s.returns.min():.1f}, highest "
+        f"{s.returns.max():.1f}). "
         f"The paper's ten runs: {mean} ± {std}.",
         f"**Cost** {run.steps_with(s.agent):,} environment steps, {run.core_hours[-1]:.2f} "
         f"core-hours, {run.hours[-1]:.2f} hours on {run.host}. "
@@ -149,5 +157,15 @@ def card(s: Score, run: Run) -> str:
         rows = [[part, *sides.values()] for part, sides in parts.items()]
         paragraphs.append(tabulate(rows, header, tablefmt="github", disable_numparse=True))
     command = TrainSettings(**m["settings"]).command()
-    paragraphs.append(f"**Command**\n\n```\n{command}\n```")
+    evaluation = f"designrl evaluate {experiment.name}/{s.path.stem} --episodes {EPISODES}"
+    evaluation += f" --seed {SEED}"
+    paragraphs.append(
+        f"**Commands** that train it and score it\n\n```\n{command}\n{evaluation}\n```"
+    )
+    note = scores.scoring_note("engine")
+    origin = f"**Origin of the score.** {note} Settings: `designrl info`."
+    if (log := recording_of(s.path)).exists():
+        place = f"logs/{experiment.name}/{s.path.stem}"
+        origin += f" Recording: [{place}](../../{place}), sha256 {file_hash(log)}."
+    paragraphs.append(origin)
     return "\n\n".join(paragraphs) + "\n"

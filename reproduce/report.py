@@ -6,6 +6,7 @@ paper/report.html: one file with all pictures inside, which git does not keep.
 
 import base64
 import html
+import itertools
 import re
 from pathlib import Path
 
@@ -13,16 +14,17 @@ import markdown
 import numpy as np
 
 from designrl.errors import InputError
-from designrl.files import file_hash, write_atomically
-from reproduce import build, figure5, paths, statistics, table2, transfer
+from designrl.files import write_atomically
+from reproduce import build, curves, figure5, paths, readme, studies, table2, transfer
 from reproduce.paths import EIGHT, paper, recording_of, shown
-from reproduce.runs import read_published
-from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs, title, usable
-from reproduce.sources import Sources
+from reproduce.runs import Run, read_published
+from reproduce.scores import Score, rewards_small_legs, title, usable
+from reproduce.sources import AT_PAPERS, OURS, Sources
 from reproduce.tables import PAPER, Cell, Table
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
 TO_PAPER = "paper.toml"  # beside the report
+LONG = 12  # rows: a longer table is folded
 MODULES = {name: build.load(name) for name in build.ITEMS if name != "report"}
 CAPTIONS = {
     name: (item, *about)
@@ -33,14 +35,9 @@ CAPTIONS = {
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the report depends on."""
-    drawn = (sources.folder / "figures" / f"{name}.png" for name in CAPTIONS)
-    return [
-        TEMPLATE,
-        *drawn,
-        *sources.read_for(*EIGHT),
-        *figure5.reads(sources),
-        *transfer.reads(sources),
-    ]
+    drawn = [sources.folder / "figures" / f"{name}.png" for name in CAPTIONS]
+    others = [m.reads(sources) for m in (readme, curves, figure5, studies, transfer)]
+    return [TEMPLATE, *drawn, *sources.read_for(*EIGHT), *itertools.chain(*others)]
 
 
 # ------------------------------------------------------------------------------------- contents
@@ -59,12 +56,19 @@ def origin_line(item: str, files: str) -> str:
     return f"*`make reproduce-{item}`; [hashes of what it read](inputs/{item}.json); {files}*"
 
 
+def folded(table: Table) -> str:
+    """A table's Markdown with its numbers linked; a long one is closed until it is clicked."""
+    text, rows = table.markdown(linked), len(list(filter(None, table.rows)))
+    if rows <= LONG:
+        return text
+    return f"<details><summary>{rows} rows</summary>\n\n{text}\n\n</details>"
+
+
 def table_part(item: str, table: Table) -> str:
     """A table with its notes, its numbers linked, and its origin."""
-    # How scores were made, and from which checkpoints, is under Origins, once for all.
     files = (f"[{kind}](tables/{table.name}.{kind})" for kind in ("md", "tex", "csv"))
     line = origin_line(item, ", ".join(files))
-    return "\n\n".join([f"### {table.title}", table.markdown(linked), *table.notes, line])
+    return "\n\n".join([f"### {table.title}", folded(table), *table.notes, line])
 
 
 def figure_part(name: str) -> str:
@@ -74,88 +78,85 @@ def figure_part(name: str) -> str:
     return "\n\n".join([f"### {title}", f"![{title}](figures/{name}.png)", caption, line])
 
 
-def does_a_learned_body_help(comparisons: list[dict]) -> str:
-    """The statistics' answer as a list, for the paper's runs and ours."""
-    starts, lines = {PAPER: "The paper's runs", "ours": "Ours"}, {}
-    for c in comparisons:
-        if not rewards_small_legs(c["with"]):  # these trade score for smaller legs
-            words = f"{c['difference']:+.0f} points ({statistics.verdict(c)})"
-            said = f"{EIGHT[c['without']].title} {words}"
-            lines.setdefault(c["source"], []).append(said)
-    return "\n".join(f"- {starts.get(s, s)}: {'; '.join(said)}." for s, said in lines.items())
+def answers() -> str:
+    """README's answers, with links from the report's folder."""
+    return readme.answers().replace("](docs/", "](../docs/")
 
 
-def costs(ours: dict[str, list[Score]]) -> str:
+def recorded(ours: dict[str, list[Score]]) -> list[tuple[Score, Run | str]]:
+    """Our runs with their recordings, or what is wrong with these."""
+    found = []
+    for s in (s for runs in ours.values() for s in usable(runs)):
+        log = recording_of(s.path)
+        try:
+            found.append((s, read_published(log)))
+        except InputError as error:
+            said = str(error).replace(str(log), shown(log)) if log.exists() else "no recording"
+            found.append((s, said))
+    return found
+
+
+def total_cost(runs: list[tuple[Score, Run]]) -> str:
+    """What all our runs cost, as a sentence."""
+    if not runs:
+        return "No run is published yet."
+    steps, core_hours = total(runs)
+    count = "published run" if len(runs) == 1 else f"{len(runs)} published runs"
+    return f"The {count} took {core_hours:,.0f} core-hours and {steps / 1e9:,.1f} G steps in all."
+
+
+def total(runs: list[tuple[Score, Run]]) -> tuple[int, float]:
+    """Environment steps and core-hours of runs."""
+    # Not the hours: some runs were trained side by side.
+    steps = sum(run.steps_with(s.agent) for s, run in runs)
+    return steps, sum(run.core_hours[-1] for _, run in runs)
+
+
+def costs(found: list[tuple[Score, Run | str]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
 
     def spent(steps: float, core_hours: float) -> list[str]:
         return [f"{steps / 1e6:,.0f} M", f"{core_hours:.2f}"]
 
-    rows, totals = [], []
-    for name, s in ((name, s) for name, found in ours.items() for s in usable(found)):
-        e, solved, theirs = EIGHT[name], "", ""
-        label = Cell(f"{title(name)}, {s.run}", name)
-        log = recording_of(s.path)
-        try:
-            run = read_published(log)
-        except InputError as error:
-            said = str(error).replace(str(log), shown(log)) if log.exists() else "no recording"
-            rows.append([label, said, *[""] * 5])
+    rows, runs = [], [(s, run) for s, run in found if isinstance(run, Run)]
+    for s, run in found:
+        e, solved, theirs = s.agent.experiment, "", ""
+        label = Cell(f"{title(e.name)}, {s.run}", e.name)
+        if not isinstance(run, Run):
+            rows.append([label, run, *[""] * 5])
             continue
-        totals.append((run.steps_with(s.agent), run.core_hours[-1]))
-        if name in table2.WALKERS and not rewards_small_legs(name):
+        if e.name in table2.WALKERS and not rewards_small_legs(e.name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
                 core_hours = np.interp(at, run.generation, run.core_hours)
                 solved = f"{at + 1:,}; {core_hours:.2f}"
-        if "hours" in (printed := paper()["text"].get(name, {})):
-            core_hours = printed["hours"] * figure5.PAPER_CORES
+        if "hours" in (printed := paper()["text"].get(e.name, {})):
+            core_hours = printed["hours"] * curves.PAPER_CORES
             theirs = f"{printed['generations']:,}; {core_hours:,}"
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
-        rows.append([label, done, *spent(*totals[-1]), f"{run.hours[-1]:.2f}", solved, theirs])
-    if not totals:
-        return "No run is published yet."
-    # Not the hours: some runs were trained side by side.
-    rows.append([f"All {len(totals)} published runs", "", *spent(*np.sum(totals, 0)), "", "", ""])
+        cells = [*spent(*total([(s, run)])), f"{run.hours[-1]:.2f}", solved, theirs]
+        rows.append([label, done, *cells])
+    rows.append([f"All {len(runs)} published runs", "", *spent(*total(runs)), "", "", ""])
     header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
     header += ["Solved: generation; core-hours", "In the paper"]
-    return Table("costs", "", header, rows, [], []).markdown(linked)
+    return folded(Table("costs", "", header, rows, [], []))
 
 
-def origins(ours: dict[str, list[Score]], sources: Sources) -> str:
-    """Each checkpoint: file, hash, how it was scored and trained."""
-    note = f"{sources.note()} Printed numbers are in [paper.toml]({TO_PAPER})."
-    parts = [f"{note} `designrl info` has each agent's settings and libraries."]
+def origins(ours: dict[str, list[Score]]) -> str:
+    """A line for each experiment: the cards of its checkpoints, which say where they are from."""
+    lines = []
     for name, found in ours.items():
+        cards = [origin(s) for s in found]
         anchor = f'<a id="origin-{EIGHT[name].letter}"></a>'
-        parts += [anchor, f"### {title(name)}"]
-        parts += [origin(s) for s in found] or ["No checkpoint yet."]
-    return "\n\n".join(parts)
+        lines.append(f"- {anchor}{title(name)}: {', '.join(cards) or 'no checkpoint yet'}")
+    return "\n".join(lines)
 
 
 def origin(s: Score) -> str:
-    """One checkpoint's part of `origins`."""
-    path = shown(s.path)
+    """A checkpoint's link to its card."""
     if s.problem:
-        return f"`{path}` is not used: {s.problem}."
-    m, card = s.agent.metadata, shown(s.path.with_suffix(".md"))
-    items = [
-        f"**[{path}](../{path})**, sha256 `{s.sha256}`; [its card](../{card})",
-        f"score {s.mean:.2f} ± {s.std:.2f} (median {np.median(s.returns):.1f}, "
-        f"{s.returns.min():.1f} to {s.returns.max():.1f}); "
-        f"`designrl evaluate {path} --episodes {EPISODES} --seed {SEED}`",
-    ]
-    if "score_episodes" in m:
-        factor = " with the reward for smaller legs" * rewards_small_legs(s.agent.experiment.name)
-        items.append(
-            f"kept at generation {m['generation']:,} after {m['environment_steps']:,} "
-            f"steps, with {m['score']:.1f} over {m['score_episodes']} episodes then{factor}"
-        )
-    log = recording_of(s.path)
-    if log.exists():
-        recording = shown(log)
-        items.append(f"recording [{recording}](../{recording}), sha256 `{file_hash(log)}`")
-    return "\n".join(f"- {item}" for item in items)
+        return f"`{shown(s.path)}` is not used ({s.problem})"
+    return f"[{s.run}](../{shown(s.path.with_suffix('.md'))})"
 
 
 # ----------------------------------------------------------------------------------------- page
@@ -185,7 +186,8 @@ nav a { margin-right: 1rem; }
 
 def page(text: str, folder: Path) -> str:
     """The report's Markdown as one HTML file: pictures inside, no script, nothing to load."""
-    body = markdown.markdown(text, extensions=["tables", "fenced_code", "toc"])
+    text = text.replace("<details>", '<details markdown="1">')
+    body = markdown.markdown(text, extensions=["tables", "fenced_code", "toc", "md_in_html"])
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
     body = re.sub(r"<td>(?=[^<]{30})", '<td class="long">', body)
@@ -210,12 +212,19 @@ def main(sources: Sources) -> list[Path]:
     """Write the report; returns its files."""
     made = [(item, m.tables(sources)) for item, m in MODULES.items() if hasattr(m, "tables")]
     tables = {table.name: (item, table) for item, found in made for table in found}
-    ours = {name: list(s["ours"].values()) for name, s in sources.by_source(*EIGHT).items()}
+    ours = {
+        name: [s for source in (OURS, AT_PAPERS) for s in found[source].values()]
+        for name, found in sources.by_source(*EIGHT).items()
+    }
+    found = recorded(ours)
+    runs = [(s, run) for s, run in found if isinstance(run, Run)]
     parts = {
-        "answer": does_a_learned_body_help(tables["statistics"][1].records),
-        "costs": costs(ours),
+        "answers": answers(),
+        "total_cost": total_cost(runs),
+        "costs": costs(found),
+        "author_log_answer": studies.author_log_answer(),
         "transfer_answer": transfer.answer(),
-        "origins": origins(ours, sources),
+        "origins": origins(ours),
         **{name: figure_part(name) for name in CAPTIONS},
         **{name: table_part(*found) for name, found in tables.items()},
     }

@@ -23,7 +23,8 @@ class Run:
         generation: (G,) the recorded ones.
         steps, hours, core_hours: (G,) environment steps, wall time and processor time from the
             run's start to a generation's end.
-        mean: (G,) points, over the population, with training's changes of the reward.
+        mean, sd: (G,) points, mean and standard deviation over the population, with training's
+            changes of the reward.
         tested: (E,) the evaluated generations; a thinned recording need not hold them.
         scores: (E,) points, mean over each evaluation's episodes.
     """
@@ -35,6 +36,7 @@ class Run:
     hours: np.ndarray
     core_hours: np.ndarray
     mean: np.ndarray
+    sd: np.ndarray
     tested: np.ndarray
     scores: np.ndarray
 
@@ -76,8 +78,8 @@ def read_run(path: Path, experiment: str, seed: int) -> Run:
     generation = recording.generations
     if len(generation) == 0:
         raise InputError(f"{path} holds no generation; train further")
-    names = ("total_steps", "seconds", "cpu_seconds", "mean")
-    steps, seconds, cpu_seconds, mean = (recording.array("/summary", name) for name in names)
+    names = ("total_steps", "seconds", "cpu_seconds", "mean", "sd")
+    steps, seconds, cpu_seconds, mean, sd = (recording.array("/summary", name) for name in names)
     tested, means = np.empty(0, np.uint32), np.empty(0)
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
@@ -89,6 +91,7 @@ def read_run(path: Path, experiment: str, seed: int) -> Run:
         hours=seconds / 3600,
         core_hours=cpu_seconds / 3600,
         mean=mean,
+        sd=sd,
         tested=tested,
         scores=means,
     )

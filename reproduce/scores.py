@@ -67,8 +67,9 @@ class Score:
 
     @property
     def run(self) -> str:
-        """How tables call one of our runs: its file's name, "seed 0" for instance."""
-        return self.path.stem.replace("seed", "seed ")
+        """How tables call one of our runs, "seed 0" for instance."""
+        settings = "the paper's settings, " * paths.at_papers_settings(self.path)
+        return f"{settings}seed {seed_of(self.path.stem)}"
 
 
 def title(experiment: str) -> str:

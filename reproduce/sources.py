@@ -8,8 +8,23 @@ from designrl import author
 from designrl.errors import InputError
 from designrl.simulation import BACKENDS
 from reproduce import paths, scores
-from reproduce.paths import EIGHT, pretrained
+from reproduce.paths import EIGHT, at_papers_settings, pretrained, seed_of
 from reproduce.scores import Score, usable
+
+OURS, AT_PAPERS = "ours", "ours, the paper's settings"
+ENOUGH = 5  # runs at the paper's settings, to be shown before the recipe's
+
+
+def our_runs(experiment: str) -> dict[str, dict[int, Path]]:
+    """Our checkpoints by source, OURS and AT_PAPERS, and number, which is seed + 1.
+
+    First come the recipe's, or those at the paper's settings once they are ENOUGH.
+    """
+    found: dict[str, dict[int, Path]] = {OURS: {}, AT_PAPERS: {}}
+    for path in pretrained(experiment):
+        found[AT_PAPERS if at_papers_settings(path) else OURS][seed_of(path.stem) + 1] = path
+    first = AT_PAPERS if len(found[AT_PAPERS]) >= ENOUGH else OURS
+    return {first: found[first]} | found
 
 
 @dataclass(frozen=True)
@@ -68,8 +83,8 @@ class Sources:
         return scores.score(path, experiment, self.backend)
 
     def by_source(self, *experiments: str) -> dict[str, dict[str, dict[int, Score]]]:
-        """Of each experiment our runs, numbered from 1, as "ours"; and the "author's weights"."""
-        found = {name: {"ours": dict(enumerate(pretrained(name), 1))} for name in experiments}
+        """Of each experiment our runs as `our_runs` has them; and the "author's weights"."""
+        found = {name: our_runs(name) for name in experiments}
         if self.zoo:
             for name, by_run in found.items():
                 by_run["author's weights"] = self.authors(name)

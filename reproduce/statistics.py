@@ -6,13 +6,15 @@ probability of improvement (that a run with it beats one without, ties half), bo
 and per run of ours over its rollouts. Makes the tables statistics and intervals.
 """
 
+import functools
 import itertools
+import math
 
 import numpy as np
 
 from reproduce.paths import EIGHT, paper
 from reproduce.scores import Score, title, usable
-from reproduce.sources import Sources
+from reproduce.sources import AT_PAPERS, OURS, Sources
 from reproduce.tables import PAPER, Table, row
 
 READS = tuple(EIGHT)
@@ -23,28 +25,63 @@ PAIRS = (
     ("biped-hardcore", "biped-hardcore-morphology"),
     ("biped-hardcore", "biped-hardcore-morphology-smaller-leg"),
 )
-RESAMPLES = 20_000
+RESAMPLES = 20_000  # drawn where there are too many to count
+EXACT = 1_000_000  # resamples, or pairs of them, that are all counted
 SIGNIFICANT = 0.05  # a p below it decides
+COUNTED = (
+    f"all resamples are counted, in proportion to their probability, where these are {EXACT:,} at "
+    f"most; else {RESAMPLES:,} are drawn"
+)
 LEVEL = (2.5, 97.5)  # percentiles: a 95 % interval
 
 
-def resampled(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(RESAMPLES, n): rows drawn with replacement from (n,) values."""
-    return values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
+Resamples = tuple[np.ndarray, np.ndarray]  # (R, n) how often each has each value; (R,) chances
+
+
+@functools.cache
+def all_resamples(n: int) -> Resamples:
+    """Every resample of n values once."""
+    drawn = itertools.combinations_with_replacement(range(n), n)
+    counts = np.array([np.bincount(indices, minlength=n) for indices in drawn])
+    ways = [math.factorial(n) / math.prod(map(math.factorial, row)) for row in counts.tolist()]
+    return counts, np.array(ways) / n**n
+
+
+@functools.cache
+def drawn_resamples(*sizes: int) -> list[Resamples]:
+    """RESAMPLES of each of several samples; the first of one belongs to the first of the others."""
+    rng = np.random.default_rng(0)
+    chances = np.full(RESAMPLES, 1 / RESAMPLES)
+    return [(rng.multinomial(n, np.full(n, 1 / n), RESAMPLES), chances) for n in sizes]
+
+
+def resamples(*sizes: int) -> list[Resamples]:
+    """Resamples of samples of some sizes: all where they can be counted, else drawn ones."""
+    return [all_resamples(n) for n in sizes] if exactly(*sizes) else drawn_resamples(*sizes)
+
+
+def exactly(*sizes: int) -> bool:
+    """Whether all combinations of resamples of samples of these sizes are counted."""
+    return math.prod(math.comb(2 * n - 1, n) for n in sizes) <= EXACT
+
+
+def interval_of(values: np.ndarray, chances: np.ndarray) -> tuple[float, float]:
+    """LEVEL's percentiles of values with these probabilities."""
+    found = np.percentile(values, LEVEL, weights=chances, method="inverted_cdf")
+    return tuple(found.tolist())
 
 
 def mean_interval(values: np.ndarray) -> tuple[float, float]:
     """Bootstrap 95 % interval of the mean of (n,) values; (NaN, NaN) for fewer than two."""
     if len(values) < 2:
         return np.nan, np.nan
-    means = resampled(values, np.random.default_rng(0)).mean(axis=1)
-    return tuple(np.percentile(means, LEVEL).tolist())
+    [(counts, chances)] = resamples(len(values))
+    return interval_of(counts @ values / len(values), chances)
 
 
-def probability_of_improvement(without: np.ndarray, with_: np.ndarray) -> np.ndarray:
-    """P(with > without) + P(equal) / 2 over all pairs, of values (..., n) and (..., m)."""
-    difference = with_[..., :, None] - without[..., None, :]
-    return ((np.sign(difference) + 1) / 2).mean(axis=(-2, -1))
+def improvements(without: np.ndarray, with_: np.ndarray) -> np.ndarray:
+    """(n, m): 1 where the run with a learned body is better, 0 where worse, 1/2 where equal."""
+    return (np.sign(with_[None, :] - without[:, None]) + 1) / 2
 
 
 def permutation_p(without: np.ndarray, with_: np.ndarray) -> float:
@@ -66,16 +103,24 @@ def compare(without: np.ndarray, with_: np.ndarray) -> dict:
     }
     values = [np.nan] * 6
     if min(len(without), len(with_)) > 1:
-        rng = np.random.default_rng(0)
-        a, b = resampled(without, rng), resampled(with_, rng)
+        (a, chances), (b, chances_b) = resamples(len(without), len(with_))
+        means, means_b = a @ without / len(without), b @ with_ / len(with_)
+        better = improvements(without, with_)
+        if exactly(len(without), len(with_)):  # each resample of one side with each of the other
+            differences = np.subtract.outer(means_b, means).T
+            probabilities = a @ better @ b.T
+            chances = np.outer(chances, chances_b)
+        else:
+            differences = means_b - means
+            probabilities = np.einsum("ri,ij,rj->r", a, better, b, optimize=True)
         values = [
-            *np.percentile(b.mean(axis=1) - a.mean(axis=1), LEVEL).tolist(),
-            float(probability_of_improvement(without, with_)),
-            *np.percentile(probability_of_improvement(a, b), LEVEL).tolist(),
+            *interval_of(differences.ravel(), chances.ravel()),
+            float(better.mean()),
+            *interval_of(probabilities.ravel() / better.size, chances.ravel()),
             permutation_p(without, with_),
         ]
-    chances = ("probability", "probability_low", "probability_high")
-    names = ("difference_low", "difference_high", *chances, "p")
+    limits = ("probability", "probability_low", "probability_high")
+    names = ("difference_low", "difference_high", *limits, "p")
     return result | dict(zip(names, values, strict=True))
 
 
@@ -98,13 +143,16 @@ Means = dict[str, dict[str, np.ndarray]]  # experiment -> source -> (n,) means o
 
 def pairs(means: Means, ours: list[Score]) -> Table:
     """The table of pairs."""
-    rows, records = [], []
+    rows, records, short = [], [], []
     for without, with_ in PAIRS:
         rows += [None] if rows else []
         letters = f"({EIGHT[with_].letter}) over ({EIGHT[without].letter})"
         head = [letters, EIGHT[with_].title]
         for source, b in means[with_].items():
             a = means[without][source]
+            if source == AT_PAPERS and min(len(a), len(b)) < 2:
+                short.append(f"{letters}: {len(b)} and {len(a)}")
+                continue
             numbers, words = ["", "", ""], "no runs of both yet"
             if len(a) and len(b):
                 c = compare(a, b)
@@ -133,7 +181,7 @@ def pairs(means: Means, ours: list[Score]) -> Table:
         ],
         rows=rows,
         notes=[
-            f"Brackets: bootstrap 95 % intervals over runs ({RESAMPLES:,} resamples, percentiles). "
+            f"Brackets: bootstrap 95 % intervals over runs (percentiles; {COUNTED}). "
             "Probability of improvement: that a run with a learned body scores above one without, "
             "ties counted half. p: two-sided permutation test of the difference. Where every run "
             "of one side beats every run of the other, the bootstrap cannot see beyond 100 %; p "
@@ -141,10 +189,21 @@ def pairs(means: Means, ours: list[Score]) -> Table:
             "of 0 and p is below 0.05. Small legs trade score for a smaller body, so for them the "
             "question is what that costs.",
             "The paper's runs are the printed ones of Table 4, rounded to whole points.",
+            *too_few(short),
         ],
         records=records,
         scores=ours,
     )
+
+
+def too_few(short: list[str]) -> list[str]:
+    """A sentence on the pairs that have too few runs at the paper's settings."""
+    if not short:
+        return []
+    return [
+        "At the paper's settings a comparison needs two of our runs with a learned body and two "
+        f"without. There are, with and without, for {'; '.join(short)}."
+    ]
 
 
 def intervals(means: Means, ours: list[Score]) -> Table:
@@ -155,6 +214,8 @@ def intervals(means: Means, ours: list[Score]) -> Table:
         mine = [s for s in usable(ours) if s.agent.experiment.name == name]
         lines += [(f"ours, {s.run}", "rollouts", s.returns) for s in mine]
         for source, unit, values in lines:
+            if len(values) == 0 and source == AT_PAPERS:
+                continue
             count = f"{len(values)} {unit if len(values) != 1 else unit[:-1]}"
             if len(values) == 0:
                 rows.append([title(name), source, count, "", "", ""])
@@ -173,9 +234,9 @@ def intervals(means: Means, ours: list[Score]) -> Table:
         header=["Experiment", "", "Over", "Mean", "95 % interval", "Median"],
         rows=rows,
         notes=[
-            f"Bootstrap 95 % intervals of the mean ({RESAMPLES:,} resamples, percentiles): over "
-            "runs they say how well these runs tell the mean of many such (two or three hardly), "
-            "over rollouts how well one agent's score is known."
+            f"Bootstrap 95 % intervals of the mean (percentiles; {COUNTED}). Over runs they say "
+            "how well these runs tell the mean of many such (two or three hardly), over rollouts "
+            "how well one agent's score is known."
         ],
         records=records,
         scores=ours,
@@ -189,5 +250,5 @@ def tables(sources: Sources) -> list[Table]:
         means[name] = {PAPER: np.array(paper()["table4"][name], dtype=float)}
         for source, runs in by_source.items():
             means[name][source] = np.array([s.mean for s in usable(runs.values())])
-            ours += runs.values() if source == "ours" else ()
+            ours += runs.values() if source.startswith(OURS) else ()
     return [pairs(means, ours), intervals(means, ours)]

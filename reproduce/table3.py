@@ -3,8 +3,8 @@
 import numpy as np
 
 from reproduce.paths import EIGHT, paper
-from reproduce.scores import MISSING, usable
-from reproduce.sources import Sources
+from reproduce.scores import MISSING, Score, usable
+from reproduce.sources import AT_PAPERS, ENOUGH, OURS, Sources
 from reproduce.tables import PAPER, Cell, Table
 
 READS = tuple(EIGHT)
@@ -33,6 +33,24 @@ def verdict(name: str, mean: float) -> str:
     return "below" if mean < min(runs) - 0.5 else "within"
 
 
+def summary(prefix: str, runs: list[Score]) -> dict:
+    """What the CSV says of the runs of one source; its columns begin with `prefix`."""
+    means, stds = [s.mean for s in runs], [s.std for s in runs]
+    return {
+        f"{prefix}_mean": np.mean(means) if means else "",
+        f"{prefix}_std_over_runs": std_over_runs(means) if len(means) > 1 else "",
+        f"{prefix}_runs": len(means),
+        f"{prefix}_means": " ".join(f"{mean:.4f}" for mean in means),
+        f"{prefix}_stds_over_rollouts": " ".join(f"{std:.4f}" for std in stds),
+        f"{prefix}_checkpoints": " ".join(s.sha256 for s in runs),
+    }
+
+
+def of_runs(runs: list[Score], none: str) -> str:
+    """`over_runs` of scores; `none` where there are none."""
+    return over_runs([s.mean for s in runs], [s.std for s in runs]) if runs else none
+
+
 def std_over_runs(means: list[float]) -> float:
     """Sample standard deviation, with which the paper's Table 3 follows from its Table 4."""
     return float(np.std(means, ddof=1))
@@ -48,35 +66,34 @@ def over_runs(means: list[float], stds: list[float]) -> str:
 def tables(sources: Sources) -> list[Table]:
     """The table."""
     printed = paper()
-    header = ["", "Experiment", "Paper (10 runs)", "Ours", "Our runs", "Ours is"]
+    header = ["", "Experiment", "Paper (10 runs)", "Ours", "Our runs"]
+    header += ["Ours, the paper's settings (runs)", "Ours is"]
     if sources.zoo:
         header += ["Author's weights, here", "of runs (the paper's mean of these)"]
-    rows, records, used = [], [], []
+    rows, records, used, mine = [], [], [], (OURS, AT_PAPERS)
     runs_of = sources.by_source(*EIGHT)
     for name, experiment in EIGHT.items():
         rows += [None] if experiment.letter in "cf" else []
         found = runs_of[name]
         used += [s for runs in found.values() for s in runs.values()]
-        ours = found["ours"].values()
-        means, stds = [s.mean for s in usable(ours)], [s.std for s in usable(ours)]
-        value, words = "-", "no usable checkpoint" if ours else MISSING
-        if means:
-            value, words = Cell(over_runs(means, stds), name), in_words(name, np.mean(means))
-        words += "".join(f"; not used: {s.problem}" for s in ours if s.problem)
+        ours = {source: usable(of.values()) for source, of in found.items() if source in mine}
+        recipe, papers = ours[OURS], ours[AT_PAPERS]
+        # A row's verdict is on what it shows first.
+        first = next((source for source, runs in ours.items() if runs), None)
+        words = in_words(name, np.mean([s.mean for s in ours[first]])) if first else ""
+        if first == AT_PAPERS:
+            words = f"with the paper's settings {words}"
+        problems = [s.problem for source in ours for s in found[source].values() if s.problem]
+        nothing = "no usable checkpoint" if problems else MISSING
+        words = "; ".join([words or nothing, *(f"not used: {problem}" for problem in problems)])
         paper_mean, paper_std = printed["table3"][name]
         cells = [f"({experiment.letter})", experiment.title]
-        cells += [Cell(f"{paper_mean} ± {paper_std}", PAPER), value, str(len(means)), words]
-        record = {
-            "experiment": name,
-            "paper_mean": paper_mean,
-            "paper_std_over_runs": paper_std,
-            "our_mean": np.mean(means) if means else "",
-            "our_std_over_runs": std_over_runs(means) if len(means) > 1 else "",
-            "our_runs": len(means),
-            "our_means": " ".join(f"{mean:.4f}" for mean in means),
-            "our_stds_over_rollouts": " ".join(f"{std:.4f}" for std in stds),
-            "checkpoints": " ".join(s.sha256 for s in usable(ours)),
-        }
+        cells += [Cell(f"{paper_mean} ± {paper_std}", PAPER)]
+        cells += [Cell(of_runs(recipe, "-"), name) if recipe else "-", str(len(recipe))]
+        at_papers = f"{of_runs(papers, '')} ({len(papers)})"
+        cells += [Cell(at_papers, name) if papers else "–", words]
+        record = {"experiment": name, "paper_mean": paper_mean, "paper_std_over_runs": paper_std}
+        record |= summary("our", recipe) | summary("papers_settings", papers)
         if sources.zoo:
             theirs = found["author's weights"]
             good = {run: s for run, s in theirs.items() if not s.problem}
@@ -90,8 +107,12 @@ def tables(sources: Sources) -> list[Table]:
             record["author_runs"] = " ".join(map(str, good))
         rows.append(cells)
         records.append(record)
-    note = "Mean ± sample standard deviation over runs of the average score of 100 rollouts."
-    if any(str(cell).endswith("*") for cells in filter(None, rows) for cell in cells):
+    note = (
+        "Mean ± sample standard deviation over runs of the average score of 100 rollouts. Ours are "
+        f"of our recipe. The last column is on them, or on {ENOUGH} and more runs at the "
+        "paper's settings."
+    )
+    if any("*" in str(cell) for cells in filter(None, rows) for cell in cells):
         note += " *: one run; the standard deviation is over its rollouts."
     table = Table(
         "table3",

@@ -7,7 +7,7 @@ zoo/more.
 from designrl.author import RUNS
 from reproduce.paths import EIGHT, paper
 from reproduce.scores import MISSING, title
-from reproduce.sources import Sources
+from reproduce.sources import AT_PAPERS, OURS, Sources
 from reproduce.tables import PAPER, Table, row
 
 READS = tuple(EIGHT)
@@ -17,7 +17,9 @@ def tables(sources: Sources) -> list[Table]:
     """The table."""
     printed = paper()["table4"]
     found = sources.by_source(*EIGHT)
-    runs = max(RUNS, *(len(by_source["ours"]) for by_source in found.values()))
+    runs = max(
+        [RUNS, *(run for found_of in found.values() for of in found_of.values() for run in of)]
+    )
     rows, records, used = [], [], []
     for name, by_source in found.items():
         rows += [None] if EIGHT[name].letter in "cf" else []
@@ -28,15 +30,19 @@ def tables(sources: Sources) -> list[Table]:
             used += by_run.values()
             texts[source] = {
                 run: "not used" if s.problem else f"{s.mean:.0f}" for run, s in by_run.items()
-            } or {1: MISSING}
+            }
             records += [
                 {"experiment": name, "source": source, "run": run, "mean": s.mean, "std": s.std}
                 | {"sha256": s.sha256}
-                | ({"seed": run - 1} if source == "ours" else {})
+                | ({"seed": run - 1} if source.startswith(OURS) else {})
                 for run, s in by_run.items()
                 if not s.problem
             ]
+        if not any(texts[source] for source in (OURS, AT_PAPERS)):
+            texts[OURS] = {1: MISSING}
         for source, by_run in texts.items():
+            if not by_run:
+                continue
             cells = [by_run.get(run + 1, "") for run in range(runs)]
             rows.append(row([title(name)], source, cells, name))
     notes = [

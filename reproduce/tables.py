@@ -14,6 +14,7 @@ from reproduce.scores import Score
 from reproduce.sources import Sources
 
 PAPER = "paper"
+ORIGINS = "## Where the numbers come from"  # a heading, in a table's Markdown
 _LATEX = {"%": r"\%", "&": r"\&", "#": r"\#", "_": r"\_", "±": r"$\pm$", "–": "--"}
 
 
@@ -104,7 +105,7 @@ class Table:
             lines.append(f"- `{shown(s.path)}`, sha256 `{s.sha256[:16]}`{score}{trained}")
         scored = any(s.returns is not None for s in self.scores)
         note = [sources.note()] if scored else []
-        return [*note, "Checkpoints:\n\n" + "\n".join(lines)] if lines else []
+        return [ORIGINS, *note, "\n".join(lines)] if lines else []
 
     def write(self, sources: Sources) -> list[Path]:
         """Write NAME.md, .tex and .csv to the tables' folder; returns their paths."""

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from designrl.errors import InputError
 from reproduce import drawing, paths
-from reproduce.figure5 import STEPS
+from reproduce.curves import STEPS
 from reproduce.runs import SOLVED
 from reproduce.sources import Sources
 from reproduce.statistics import compare, interval, mean_interval, verdict

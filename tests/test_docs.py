@@ -120,6 +120,13 @@ def test_links_lead_somewhere():
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def learning_rate(s: TrainSettings) -> str:
+    if s.learning_rate_decay == 1:
+        return f"{s.learning_rate}, constant"
+    falls = f"{s.learning_rate} × {s.learning_rate_decay} a generation"
+    return f"{falls}, at least {s.learning_rate_floor}"
+
+
 def test_the_recipes_in_the_table_are_those_of_the_experiments():
     columns = [(EXPERIMENTS.values(), "paper")]
     for letters in ("ab", "cde", "gh", "f"):
@@ -127,9 +134,8 @@ def test_the_recipes_in_the_table_are_those_of_the_experiments():
     rows = {
         "candidates × rollouts": lambda s: f"{s.population} × {s.rollouts}",
         "generations": lambda s: f"{s.generations:,}",
-        "learning rate": lambda s: f"{s.learning_rate} × {s.learning_rate_decay}ᵍ",
-        "but at least": lambda s: f"{s.learning_rate_floor}",
-        "decay of σ": lambda s: f"{s.sigma_decay}ᵍ",
+        "learning rate": learning_rate,
+        "σ": lambda s: f"× {s.sigma_decay} a generation",
         "agent": lambda s: {"best": "the best candidate of a generation", "mean": "μ"}[s.keep],
     }
     page = (ROOT / "pretrained/README.md").read_text()

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import html
+import itertools
 import json
 import re
 import runpy
@@ -31,6 +32,7 @@ from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import (
     build,
+    curves,
     drawing,
     figure5,
     paths,
@@ -40,6 +42,7 @@ from reproduce import (
     runs,
     scores,
     statistics,
+    studies,
     table1,
     table2,
     table3,
@@ -47,7 +50,7 @@ from reproduce import (
     transfer,
 )
 from reproduce.paths import ROOT, paper, pretrained
-from reproduce.sources import Sources
+from reproduce.sources import AT_PAPERS, Sources
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
 
@@ -186,7 +189,7 @@ def committed(table: str) -> list[dict]:
         return list(csv.DictReader(file))
 
 
-OURS = {row["sha256"]: row for row in committed("tables/table4") if row["source"] == "ours"}
+OURS = {r["sha256"]: r for r in committed("tables/table4") if r["source"].startswith("ours")}
 
 
 def digits(mean, std) -> str:
@@ -327,6 +330,69 @@ def test_table3_explains_its_mark_of_a_single_run_where_it_has_one(project):
     assert "*: one run" in table.read_text()
 
 
+def row_of(project, table: str, start: str) -> list[str]:
+    """The cells of a table's first row that starts so."""
+    lines = (project / f"paper/tables/{table}.md").read_text().splitlines()
+    line = next(line for line in lines if line.startswith(f"| {start}"))
+    return [cell.strip() for cell in line.split("|")[1:-1]]
+
+
+def test_runs_at_the_papers_settings_have_a_column_and_come_first_when_they_are_five(project):
+    hardcore = "biped-hardcore-morphology"
+    pretrain(project, hardcore)
+    build.make("table3")
+    assert row_of(project, "table3", "(g)")[5] == "–"
+    for seed in range(5):
+        pretrain(project, hardcore, f"paper-seed{seed}", seed + 1)
+        build.make("table3")
+        _, _, _, recipe, count, papers, said = row_of(project, "table3", "(g)")
+        assert count == "1" and recipe.endswith("*") and papers.endswith(f"({seed + 1})")
+        assert said.startswith("with the paper's settings") == (seed == 4)
+    build.make("table4")
+    first, second = (
+        [
+            row
+            for row in csv.DictReader((project / "paper/tables/table4.csv").open())
+            if row["experiment"] == hardcore and row["source"].startswith("ours")
+        ][i]
+        for i in (0, -1)
+    )
+    assert (first["source"], first["seed"]) == (AT_PAPERS, "0")
+    assert second["source"] == "ours"
+    for path in (project / "pretrained" / hardcore).glob("seed*"):
+        path.unlink()  # the recipe's leave once there are as many
+    for name in ("table1", "table2", "table3", "table4", "statistics", "readme"):
+        assert build.make(name), name
+    assert row_of(project, "table3", "(g)")[3] == "-"
+    assert "| –" in (project / "README.md").read_text()
+
+
+def test_statistics_at_the_papers_settings_need_two_runs_of_both(project):
+    for seed in range(3):
+        pretrain(project, "biped-hardcore-morphology", f"paper-seed{seed}", seed)
+    pretrain(project, "biped-hardcore", "paper-seed1", 9)
+    build.make("statistics")
+    text = (project / "paper/tables/statistics.md").read_text()
+    assert "(g) over (f): 3 and 1" in text and AT_PAPERS not in text
+    pretrain(project, "biped-hardcore", "paper-seed2", 8)
+    build.make("statistics")
+    text = (project / "paper/tables/statistics.md").read_text()
+    assert "(g) over (f): 3" not in text
+    [line] = [line for line in text.splitlines() if AT_PAPERS in line]
+    assert line.startswith("| (g) over (f)") and " 3, 2 " in line
+
+
+def test_a_single_items_tables_come_last_without_hashes(project, capsys):
+    path = pretrain(project, "biped")
+    for _ in range(2):  # made, and up to date
+        build.main(["table3"])
+        out = capsys.readouterr().out
+        assert out.rstrip().splitlines()[-1].startswith("The report: paper/report.md")
+        assert out.startswith("table3: ") and out.count("| (c) | Biped ") == 1
+        assert file_hash(path)[:16] not in out
+    assert file_hash(path)[:16] in (project / "paper/tables/table3.md").read_text()
+
+
 def test_tables_have_the_papers_experiments_whatever_else_is_registered(project, monkeypatch):
     mine = dataclasses.replace(EXPERIMENTS["biped"], name="my-biped")
     monkeypatch.setitem(EXPERIMENTS, mine.name, mine)
@@ -405,7 +471,31 @@ def test_wrong_zoo_says_what_was_looked_for(monkeypatch, tmp_path):
 
 def test_probability_of_improvement_counts_ties_half():
     a, b = np.array([1.0, 2.0]), np.array([2.0, 3.0])
-    assert statistics.probability_of_improvement(a, b) == (1 + 0.5 + 1 + 1) / 4
+    assert statistics.compare(a, b)["probability"] == (1 + 0.5 + 1 + 1) / 4
+
+
+def test_of_few_runs_every_resample_is_counted_as_often_as_it_comes():
+    values = np.array([1.0, 5.0, 6.0, 11.0])
+    all_of_them = [np.mean(drawn) for drawn in itertools.product(values, repeat=4)]
+    limits = np.percentile(all_of_them, statistics.LEVEL, method="inverted_cdf")
+    assert statistics.mean_interval(values) == pytest.approx(tuple(limits))
+
+
+def test_intervals_of_three_runs_against_five_are_exact():
+    """As (f) and (g) had them: 20,000 drawn pairs gave 1/15 in place of 2/15."""
+    original, learned = np.array([288, 263, 296]), np.array([316, 275, 252, 312, 265])
+    found = statistics.compare(original, learned)
+    assert found["probability_low"] == pytest.approx(2 / 15)
+    assert found["probability_high"] == pytest.approx(14 / 15)
+
+
+def test_many_runs_are_drawn_and_agree_with_all_resamples(monkeypatch):
+    values = np.random.default_rng(3).normal(size=6)
+    exact = statistics.compare(values, values + 1)
+    monkeypatch.setattr(statistics, "EXACT", 0)
+    drawn = statistics.compare(values, values + 1)
+    for name in ("difference_low", "difference_high", "probability_low", "probability_high"):
+        assert drawn[name] == pytest.approx(exact[name], abs=0.05)
 
 
 def test_interval_of_the_mean_covers_as_often_as_it_says():
@@ -479,9 +569,45 @@ def test_learning_curve_is_the_recordings(trained, project):
     assert read(path).array("/evaluation", "scores").shape == (3, 4)
     assert run.solved_at() is None
     assert build.make("figure5") and build.make("figure5") is None
-    panels = figure5.curves(("biped", "ant")).axes
+    assert build.make("curves")
+    panels = curves.curves(("biped", "ant")).axes
     labels = tuple(panel.get_xlabel() for panel in panels[len(panels) // 2 :])
-    assert labels == figure5.AXES
+    assert labels == curves.AXES
+
+
+def record(path: Path, experiment: str, seed: int = 0) -> None:
+    """A short training's recording."""
+    small = {"generations": 4, "population": 4, "rollouts": 1, "evaluate_every": 2}
+    TrainingRun(TrainSettings.of(experiment, seed=seed, **small), path.parent).run()
+
+
+def test_figure5_draws_published_runs_and_marks_those_that_are_unfinished(project):
+    learned = "biped-hardcore-morphology"
+    for folder in (f"logs/{learned}", f"logs/unfinished/{learned}"):
+        record(project / folder / "paper-seed1/generations.mcap", learned, seed=1)
+    left, right = figure5.figures(Sources())["figure5"].axes
+    marks = [line.get_marker() for line in right.lines]
+    texts = right.get_legend_handles_labels()[1]
+    assert "o" not in marks and "ours, learned body: 1 run" in texts, "one of them is published"
+    assert "ours, original body: no run yet" in texts
+    record(project / f"logs/unfinished/{learned}/paper-seed2/generations.mcap", learned, seed=2)
+    left, right = figure5.figures(Sources())["figure5"].axes
+    assert [line.get_marker() for line in right.lines].count("o") == 1
+    assert "ours, learned body: 2 runs (1 unfinished)" in right.get_legend_handles_labels()[1]
+    [run] = map(runs.read_published, figure5.recorded(learned)[1:])
+    drawn = [line.get_ydata().tolist() for line in left.lines]
+    assert (run.mean - 100).tolist() in drawn, "less 100, as in the paper's"
+
+
+def test_the_authors_log_is_compared_with_the_range_of_our_runs(project):
+    assert studies.author_log_answer() == "There is no run with his settings yet."
+    for seed in range(2):
+        target = project / f"logs/studies/biped-author-settings/seed{seed}/generations.mcap"
+        target.parent.mkdir(parents=True)
+        shutil.copyfile(ROOT / target.relative_to(project), target)
+    said = studies.author_log_answer()
+    assert re.match(r"\d+ of 33 points of his log lie within the range of our 2 runs; ", said)
+    assert studies.listed(np.array([50, 600, 650, 700])) == "50, 600 to 700"
 
 
 @pytest.mark.parametrize("place", ["biped-hardcore/seed0", "biped/seed1", "biped/paper-seed2"])
@@ -544,7 +670,7 @@ def test_card_says_the_body_that_was_found():
     agent.metadata["settings"] = TrainSettings.of("ant-morphology").as_dict()
     s = scores.Score(Path("seed0.safetensors"), "", agent, returns)
     one = np.ones(1)
-    run = runs.Run(False, "a machine", one, one, one, 2 * one, one, one, one)
+    run = runs.Run(False, "a machine", one, one, one, 2 * one, one, one, one, one)
     card = publish.card(s, run)
     assert "2.00 core-hours" in card
     assert re.search(r"\| front left top +\| \d+ % \(0.\d+\)", card)
@@ -602,10 +728,14 @@ def test_an_index_that_names_another_experiment_leaves_what_is_published(publish
 
 
 def test_report_of_a_project_with_a_run(project):
-    pretrain(project, "biped")
+    for experiment in ("biped", "biped-hardcore"):
+        pretrain(project, experiment)
+        record(project / "logs" / experiment / "seed0/generations.mcap", experiment)
     for name in build.ITEMS:
         build.make(name)
     text = (project / "paper/report.md").read_text()
+    assert "The 2 published runs took 0 core-hours" in text
+    assert re.search(r"\(f\) Biped Hardcore, seed 0\]\(#origin-f\) +\| 4 \(10,000\)", text)
     assert "{{" not in text and str(project) not in text
     assert "[305](#origin-c)" in text, "numbers link to their origin"
     assert build.make("report") is None

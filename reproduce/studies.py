@@ -1,0 +1,212 @@
+"""The figures of docs/studies.md; CAPTIONS says what they show.
+
+ZOO=path python -m reproduce.studies    count falls anew, the author's too, in paper/falls.csv
+"""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from designrl.evaluation import evaluate
+from designrl.files import file_hash, write_atomically
+from designrl.names import load
+from designrl.provenance import core_count
+from reproduce import drawing, paths
+from reproduce.curves import STEPS
+from reproduce.paths import EIGHT, paper, pretrained, recordings, seed_of, unfinished
+from reproduce.program import program
+from reproduce.runs import SOLVED, Run, read_published, read_run
+from reproduce.sources import Sources
+from reproduce.tables import as_csv
+
+CAPTIONS = {
+    "author_log": (
+        "Does our training learn as the author's did?",
+        "The author's own training log of Biped (c), every 50 generations, over ours with his "
+        "settings: 96 candidates, one rollout each, σ × 0.999 a generation. The population's mean "
+        "return in training, averaged over 11 generations; a line for each of our seeds.",
+    ),
+    "learning_rates": (
+        "Which learning rate for hardcore?",
+        "Evaluations of Biped Hardcore + Morphology (g) during training with three learning rates; "
+        "a line for each seed. Dashed: 300 points, solved.",
+    ),
+    "falls": (
+        "What do the walkers lose on hardcore?",
+        "Falls of Biped Hardcore, with a learned body and rewarded for smaller legs: the share of "
+        "1,000 episodes, other ones than those of the tables, that end below 250 points, with 95 % "
+        "intervals. Grey: the author's agent, run 1.",
+    ),
+}
+AUTHOR_LOG = "biped-author-settings"  # under logs/studies
+AVERAGED = 11  # generations, of a point of the author's log in paper.toml
+LEARNER = "biped-hardcore-morphology"
+FAST = "biped-hardcore-morphology-rate-0.03"
+HARDCORE = [name for name, experiment in EIGHT.items() if experiment.letter in "fgh"]
+FALL = 250.0  # points: an episode with fewer ends with a fall, or nowhere
+EPISODES, SEED = 1000, 1  # not those of the tables
+AUTHOR = "author's"
+
+
+def recorded(study: str) -> list[Path]:
+    """The recordings of a study's runs, by seed."""
+    return sorted((paths.ROOT / "logs" / "studies" / study).glob("seed*/generations.mcap"))
+
+
+def study(name: str, experiment: str) -> list[Run]:
+    """A study's runs, of an experiment."""
+    return [read_run(path, experiment, seed_of(path.parent.name)) for path in recorded(name)]
+
+
+def falls_file() -> Path:
+    """Where the counted falls are kept."""
+    return paths.ROOT / "paper" / "falls.csv"
+
+
+def reads(sources: Sources) -> list[Path]:
+    """The files that the figures depend on."""
+    rates = [*recordings(LEARNER), *unfinished(LEARNER), *recorded(FAST)]
+    return [paths.ROOT / "paper" / "paper.toml", falls_file(), *recorded(AUTHOR_LOG), *rates]
+
+
+# ---------------------------------------------------------------------------- the author's log
+
+
+def running_mean(values: np.ndarray) -> np.ndarray:
+    """The mean of AVERAGED values around each, of fewer at the ends."""
+    ones = np.ones(AVERAGED)
+    return np.convolve(values, ones, "same") / np.convolve(np.ones(len(values)), ones, "same")
+
+
+def author_log() -> Figure:
+    """The author's log over our runs with his settings."""
+    figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
+    axes = figure.subplots()
+    runs = study(AUTHOR_LOG, "biped")
+    label = f"ours, {len(runs)} seeds"
+    for run in runs:
+        axes.plot(
+            run.generation,
+            running_mean(run.mean),
+            color=drawing.ORIGINAL,
+            linewidth=0.8,
+            rasterized=True,
+            label=label,
+        )
+        label = None  # once for all
+    at, mean = np.transpose(paper()["author_log"]["population"])
+    axes.plot(at, mean, color="black", marker=".", markersize=4, label="the author's log")
+    axes.set_xlabel("generation")
+    axes.set_ylabel("population's mean\nreturn in training (points)")
+    axes.set_xlim(left=0)
+    axes.legend(loc="lower right")
+    return figure
+
+
+def author_log_answer() -> str:
+    """How the author's log lies to our runs, in a sentence."""
+    runs = study(AUTHOR_LOG, "biped")
+    if not runs:
+        return "There is no run with his settings yet."
+    at, mean = np.transpose(paper()["author_log"]["population"])
+    within = at <= min(run.generation[-1] for run in runs)
+    at, mean = at[within], mean[within]
+    ours = np.array([np.interp(at, run.generation, running_mean(run.mean)) for run in runs])
+    below, above = at[mean < ours.min(axis=0)], at[mean > ours.max(axis=0)]
+    said = f"{len(at) - len(below) - len(above)} of {len(at)} points of his log lie within the "
+    said += f"range of our {len(runs)} runs"
+    for outside, words in ((below, "below"), (above, "above")):
+        if len(outside):
+            said += f"; {len(outside)} lie {words} all of ours (generations {listed(outside)})"
+    return f"{said}."
+
+
+def listed(generations: np.ndarray) -> str:
+    """Generations, 50 apart, as a list in which neighbours are one item: "50, 600 to 750"."""
+    parts = np.split(generations, np.flatnonzero(np.diff(generations) > 50) + 1)
+    return ", ".join(f"{part[0]:,.0f}" + f" to {part[-1]:,.0f}" * (len(part) > 1) for part in parts)
+
+
+# ------------------------------------------------------------------------------ learning rates
+
+
+def learning_rates() -> Figure:
+    """Evaluations over steps, for each learning rate."""
+    figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
+    axes = figure.subplots()
+    runs = [read_published(path) for path in [*recordings(LEARNER), *unfinished(LEARNER)]]
+
+    def draw(runs: list[Run], label: str, colour: str) -> None:
+        for run in runs:
+            steps = np.interp(run.tested, run.generation, run.steps) / 1e6
+            style = {"color": colour, "linewidth": 0.8}
+            axes.plot(steps, run.scores, label=f"{label} ({len(runs)})", **style)
+
+    draw([run for run in runs if not run.papers], "0.01, falling slowly", drawing.LEARNED)
+    draw(study(FAST, LEARNER), "0.03, falling fast", drawing.THIRD)
+    papers = [run for run in runs if run.papers]
+    draw(papers, "0.01, constant, four times the rollouts: the paper's", drawing.ORIGINAL)
+    axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+    axes.set_xlabel(STEPS)
+    axes.set_ylabel("evaluation (points)")
+    axes.set_xlim(left=0)
+    handles, texts = axes.get_legend_handles_labels()
+    named = dict(zip(texts, handles, strict=True))
+    if named:
+        title = "learning rate (runs)"
+        figure.legend(named.values(), named, loc="outside lower center", title=title)
+    return figure
+
+
+# --------------------------------------------------------------------------------------- falls
+
+
+def falls() -> Figure:
+    """The counted falls as bars."""
+    figure = Figure(figsize=(drawing.WIDTH, 2.4), layout="constrained")
+    panels = figure.subplots(1, len(HARDCORE), sharey=True)
+    text = falls_file().read_text() if falls_file().exists() else ""
+    rows = list(csv.DictReader(text.splitlines()))
+    for axes, name in zip(panels, HARDCORE, strict=True):
+        mine = [row for row in rows if row["experiment"] == name]
+        shares = np.array([int(row["falls"]) / int(row["episodes"]) for row in mine])
+        errors = 1.96 * np.sqrt(shares * (1 - shares) / EPISODES)
+        colours = [drawing.GREY if row["run"] == AUTHOR else drawing.LEARNED for row in mine]
+        texts = [row["run"] for row in mine]
+        axes.bar(texts, 100 * shares, color=colours)
+        error = {"fmt": "none", "ecolor": "black", "elinewidth": 0.8}
+        axes.errorbar(texts, 100 * shares, 100 * errors, **error)
+        axes.tick_params(axis="x", rotation=90)
+        title = EIGHT[name].title.rpartition("+ ")[2]
+        axes.set_title(f"{title} ({EIGHT[name].letter})")
+    panels[0].set_ylabel("episodes below 250 points (%)")
+    return figure
+
+
+def count_falls(sources: Sources) -> None:
+    """Play each hardcore agent's episodes and keep what came out; the author's need ZOO."""
+    rows = []
+    for name in HARDCORE:
+        theirs = {AUTHOR: sources.authors(name)[1]} if sources.zoo else {}
+        ours = {path.stem.replace("seed", "seed "): path for path in pretrained(name)}
+        for run, path in (theirs | ours).items():
+            found = evaluate(load(path, name), EPISODES, SEED, core_count()).scores
+            row = {"experiment": name, "run": run, "sha256": file_hash(path)}
+            row |= {"episodes": EPISODES, "seed": SEED, "falls": int((found < FALL).sum())}
+            upright = found[found >= FALL].mean()
+            row |= {"mean": found.mean(), "median": np.median(found), "mean_without": upright}
+            rows.append(row)
+            print(row, flush=True)
+    write_atomically(falls_file(), as_csv(rows).encode())
+
+
+def figures(sources: Sources) -> dict[str, Figure]:
+    """The figures."""
+    return {"author_log": author_log(), "learning_rates": learning_rates(), "falls": falls()}
+
+
+if __name__ == "__main__":
+    with program("studies"):
+        count_falls(Sources.asked())
