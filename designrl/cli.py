@@ -10,6 +10,7 @@ import sys
 import typing
 from pathlib import Path
 
+from designrl.design import in_words
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import is_locked, read_limited, require_new
@@ -64,6 +65,32 @@ def _agent_file(sub) -> None:
     sub.add_argument("file", metavar="FILE", help=about)
     sub.add_argument("--experiment", help="what a 2018 .json was trained for")
     sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
+
+
+def _design(sub) -> None:
+    sub.add_argument(
+        "--design",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=SCALE",
+        help="change the agent's body, in scales of the original size: "
+        '"bottom leg 2 height=0.6"; several are allowed',
+    )
+
+
+def _design_of(args) -> dict[str, float] | None:
+    """What --design says, for `Agent.body_with`."""
+    named = {}
+    for text in args.design:
+        name, _, scale = text.rpartition("=")
+        try:
+            named[name.strip()] = float(scale)
+        except ValueError:
+            raise InputError(
+                f'--design {text!r} is no dimension and its scale; as "bottom leg 2 height=0.6"'
+            ) from None
+    return named or None
 
 
 def _require_suffix(path: str, suffix: str) -> None:
@@ -205,6 +232,7 @@ def _evaluate(args) -> None:
             args.workers,
             args.backend,
             progress=bar.update,
+            design=_design_of(args),
             **({"lidar": args.lidar} if args.lidar else {}),
         )
     summary = result.summary()
@@ -217,6 +245,7 @@ def _evaluate(args) -> None:
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
+        + (f"; not in its own body: {in_words(result.changed)}" if result.changed else "")
     )
 
 
@@ -230,6 +259,7 @@ def _add_evaluate(commands) -> None:
     evaluate.add_argument(
         "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
     )
+    _design(evaluate)
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
     _workers(evaluate, evaluate)
 
@@ -270,19 +300,19 @@ def _record(args) -> None:
         from designrl.video import check_target, record_video
 
         check_target(args.video)
-    agent = load(args.file, args.experiment)
+    agent, design = load(args.file, args.experiment), _design_of(args)
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     if args.output:
         from designrl.recording import record_rollout
 
-        score = record_rollout(agent, args.output, seed)
+        score = record_rollout(agent, args.output, seed, design=design)
         said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
         print(printable(said))
     if args.video:
         from tqdm import tqdm
 
         with tqdm(unit="picture", leave=False, disable=None) as bar:
-            score = record_video(agent, args.video, seed, bar.update)
+            score = record_video(agent, args.video, seed, bar.update, design)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
 
 
@@ -293,6 +323,7 @@ def _add_record(commands) -> None:
     _agent_file(record)
     record.add_argument("-o", "--output", metavar="FILE.mcap")
     record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
+    _design(record)
     record.add_argument(
         "--episode",
         type=int,

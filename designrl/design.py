@@ -5,6 +5,8 @@ every part vary by ±75 % of its original size (section 4, "we allow each part t
 range of ±75% of its original value").
 """
 
+import difflib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -66,3 +68,35 @@ class DesignSpace:
             i = int(np.argmax(wrong))
             raise InputError(f"design scale {i} ({self.names[i]}) is {array[i]}; {allowed}")
         return array
+
+    def changed(self, own: np.ndarray, design) -> np.ndarray:
+        """Another body: (D,) scales.
+
+        Args:
+            own: (D,) scales of the body that is changed.
+            design: (D,) scales, or a mapping from some of `names` to their scales.
+
+        Raises:
+            InputError: a name that there is not, or as `validate`.
+        """
+        if not isinstance(design, Mapping):
+            return self.validate(design)
+        scales = dict(zip(self.names, own.tolist(), strict=True))
+        for name in design:
+            if name not in scales:
+                near = difflib.get_close_matches(str(name), self.names, n=1)
+                known = f"did you mean {near[0]!r}?" if near else f"there is {self.names[0]!r}, ..."
+                raise InputError(f"this body has no dimension {name!r}; {known}")
+        return self.validate(list({**scales, **design}.values()))
+
+    def changes(self, own: np.ndarray, scales: np.ndarray) -> dict[str, float]:
+        """Names of the dimensions in which a body differs from the agent's own -> their scales."""
+        every = zip(self.names, own.tolist(), scales.tolist(), strict=True)
+        return {name: scale for name, mine, scale in every if scale != mine}
+
+
+def in_words(changes: Mapping[str, float]) -> str:
+    """`DesignSpace.changes` as a title has it; of more than three, how many."""
+    if len(changes) > 3:
+        return f"{len(changes)} dimensions changed"
+    return ", ".join(f"{name} = {scale:.4g}" for name, scale in changes.items())

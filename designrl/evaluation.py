@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Integral
 from pathlib import Path
 
@@ -27,6 +27,7 @@ class Evaluation:
         design: (D,) scales of the body, or None where it is the original.
         seconds: wall time.
         backend: that played them, "engine" or "reference".
+        changed: names of the dimensions in which that body is not the agent's own -> their scales.
     """
 
     experiment: str
@@ -36,6 +37,7 @@ class Evaluation:
     design: np.ndarray | None
     seconds: float
     backend: str = "reference"
+    changed: dict[str, float] = field(default_factory=dict)
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
@@ -51,6 +53,7 @@ class Evaluation:
             "steps": int(self.steps.sum()),
             "lengths": self.steps.tolist(),
             "design": None if self.design is None else self.design.tolist(),
+            "changed": self.changed,
             "seconds": self.seconds,
             "backend": self.backend,
         }
@@ -88,6 +91,7 @@ def evaluate(
     workers: int = 1,
     backend: str = "engine",
     progress: Callable[[int], None] | None = None,
+    design=None,
     **env_kwargs,
 ) -> Evaluation:
     """Score an agent over `episodes` episodes; the paper's scores are over 100.
@@ -100,9 +104,11 @@ def evaluate(
             the usual `if __name__ == "__main__":`.
         backend, env_kwargs: as in `Simulator`.
         progress: called with the number of episodes that have ended since its last call.
+        design: the body to walk with, as `Agent.body_with` takes it; None: the agent's own.
 
     Raises:
-        InputError: episodes, seed, workers or backend out of range, or no agent.
+        InputError: episodes, seed, workers or backend out of range, no agent, or no design of its
+            body.
     """
     check_episodes(episodes, seed)
     episodes, seed = int(episodes), int(seed)
@@ -110,17 +116,22 @@ def evaluate(
         agent = load(agent)
     if not isinstance(agent, Agent):
         raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
+    scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()
     with Simulator(agent.experiment, backend, agent.network, workers, **env_kwargs) as simulator:
         result = simulator.rollout(
-            agent.parameters[None], episode_seeds(seed, episodes)[None], progress=progress
+            agent.parameters[None],
+            episode_seeds(seed, episodes)[None],
+            progress=progress,
+            design=scales,
         )
     return Evaluation(
         agent.experiment.name,
         seed,
         result.returns[0],
         result.steps[0],
-        agent.design,
+        agent.design if scales is None else scales,
         time.perf_counter() - start,
         simulator.backend,
+        {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
     )

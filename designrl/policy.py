@@ -192,17 +192,43 @@ class Agent:
             noise = noise.astype(np.float32)
         return self._forward(x, noise)
 
-    def start(self, env: gymnasium.Env, seed: int) -> np.ndarray:
-        """Reset the agent and an environment of its experiment, in its own body.
+    def body_with(self, design=None) -> np.ndarray:
+        """(D,) scales of the body to walk with.
+
+        Args:
+            design: (D,) scales; or a mapping from names to scales, of dimensions that are to differ
+                from the agent's own ("bottom leg 2 height": 0.6, of the original size); None: its
+                own body.
+
+        Raises:
+            InputError: no design of the body.
+        """
+        if design is None:
+            return self.scales
+        return self.experiment.body.design.changed(self.scales, design)
+
+    def start(self, env: gymnasium.Env, seed: int, design=None) -> np.ndarray:
+        """Reset the agent and an environment of its experiment.
+
+        Args:
+            design: the body to walk with, as `body_with` takes it; None: its own.
 
         Returns: the first observation (O,).
 
         Raises:
-            InputError: a seed that is no whole number from 0 on.
+            InputError: a seed that is no whole number from 0 on; no design of the body; no design
+                at all, where the environment was made with another body than the agent's own.
         """
         seed = whole_number("the seed", seed, 0)
+        scales = self.body_with(design)
+        if design is None and not np.array_equal(given_design(env, scales), scales):
+            raise InputError(
+                "the environment was made with another body than the agent's own; to walk in that "
+                "one, give its design here, too (design=), to walk in its own, make the "
+                "environment without design"
+            )
         self.reset(seed)
-        observation, _ = env.reset(seed=seed, options={"design": self.scales})
+        observation, _ = env.reset(seed=seed, options={"design": scales})
         return observation
 
     def steps(self, env: gymnasium.Env, observation: np.ndarray) -> Iterator[Step]:
@@ -215,9 +241,9 @@ class Agent:
             yield Step(t, seen, action, reward, terminated, truncated, info)
             done, t = terminated or truncated, t + 1
 
-    def play(self, env: gymnasium.Env, seed: int) -> Iterator[Step]:
+    def play(self, env: gymnasium.Env, seed: int, design=None) -> Iterator[Step]:
         """A whole episode: `start`, then `steps`."""
-        return self.steps(env, self.start(env, seed))
+        return self.steps(env, self.start(env, seed, design))
 
     @cached_property
     def _forward(self):
@@ -228,6 +254,14 @@ class Agent:
             return engine.act_function(network.sizes, network.output == "tanh", weights)
         except InputError:  # no library here, or a layer wider than it takes
             return forward_function(network, weights)
+
+
+def given_design(env: gymnasium.Env, otherwise: np.ndarray):
+    """The design that an environment was made with, or was set to; `otherwise` where none was."""
+    world = env.unwrapped
+    made_with = world.spec.kwargs.get("design") if world.spec else None
+    given = getattr(world, "given_design", made_with)  # an environment of one's own has not that
+    return otherwise if given is None else given
 
 
 def forward_function(network: Network, weights: np.ndarray):

@@ -22,7 +22,9 @@ import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from designrl import engine, envs
+from designrl import engine
+from designrl.envs import tasks
+from designrl.envs.tasks import EngineTask, engine_task
 from designrl.errors import InputError
 from designrl.experiments import PAPERS, Experiment, Network, Shaping, get_experiment
 from designrl.numeric import real_numbers, whole_numbers
@@ -74,6 +76,7 @@ class Episodes:
     network: Network
     env_kwargs: dict = field(default_factory=dict)  # of the environment
     shaping: Shaping | None = None  # changes of the rewards, if any
+    design: np.ndarray | None = None  # (D,) scales of all bodies; None: the candidates' own
     spec: EnvSpec = field(init=False)  # of the environment, which a worker need not have registered
 
     def __post_init__(self):
@@ -126,19 +129,19 @@ class Simulator(AbstractContextManager):
         if self.experiment not in PAPERS:
             check_world(self.experiment, self.network)
         if "design" in env_kwargs:
-            raise InputError("an agent walks in its own body; leave design out")
+            raise InputError("candidates walk in their own bodies; give design to rollout()")
         if env_kwargs:  # otherwise the environment's module need not be loaded for what it takes
             creator = gymnasium.spec(self.experiment.env_id).entry_point
             creator = creator if callable(creator) else load_env_creator(creator)
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
                 raise InputError(f"{self.experiment.name} has no {unknown[0]}; leave it out")
         kwargs = {**self.experiment.training_kwargs, **env_kwargs}
-        if envs.engine_task(self.experiment.env_id, **kwargs) is None:  # or refuses a value
-            backend = "reference"
-        if backend == "engine" and (reason := engine_reason(self.experiment, self.network)):
+        task = engine_task(self.experiment.env_id, **kwargs)  # or refuses a value
+        asked = backend == "engine"
+        reason = engine_reason(task, self.experiment, self.network) if asked else ""
+        if reason:
             print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
-            backend = "reference"
-        self.backend = backend
+        self.backend = backend = "engine" if reason is None else "reference"
         self._pool = None
         if ray is not None:
             self._pool = RayWorkers(ray)
@@ -157,6 +160,7 @@ class Simulator(AbstractContextManager):
         training: bool = False,
         shaped: bool = False,
         progress: Callable[[int], None] | None = None,
+        design=None,
     ) -> RolloutResult:
         """Run each candidate once with each of its seeds.
 
@@ -166,17 +170,21 @@ class Simulator(AbstractContextManager):
             training: in the environment as training has it (`Experiment.training_kwargs`).
             shaped: with the rewards that the published code changes in training.
             progress: called with the number of episodes that have ended since its last call.
+            design: (D,) scales of the body that all walk in; None: each in its own.
 
         Raises:
             InputError: shapes that do not fit the experiment or each other; parameters that are
-                not finite float32 numbers; seeds that are not whole numbers of at least 0.
+                not finite float32 numbers; seeds that are not whole numbers of at least 0; no
+                design of the body.
             CandidateError: a candidate crashes the simulation each time, or its return is no number
                 (an in-process simulation that crashes takes this process with it).
         """
         candidates, seeds = self._checked(candidates, seeds)
         kwargs = {**(self.experiment.training_kwargs if training else {}), **self._env_kwargs}
         shaping = self.experiment.shaping if shaped else None
-        episodes = Episodes(self.experiment, self.network, kwargs, shaping)
+        if design is not None:
+            design = self.experiment.body.design.validate(design)
+        episodes = Episodes(self.experiment, self.network, kwargs, shaping, design)
         result = self._run(episodes, candidates, seeds, progress)
         finite = np.isfinite(result.returns).all(axis=1)
         if not finite.all():
@@ -283,16 +291,18 @@ def run_reference(
         for i, parameters in enumerate(candidates):
             agent = Agent(episodes.experiment, parameters, episodes.network)
             for j, seed in enumerate(seeds[i].tolist()):
-                returns[i, j], steps[i, j] = run_episode(env, agent, seed, episodes.shaping)
+                returns[i, j], steps[i, j] = run_episode(
+                    env, agent, seed, episodes.shaping, episodes.design
+                )
     return returns, steps
 
 
 def run_episode(
-    env: gymnasium.Env, agent: Agent, seed: int, shaping: Shaping | None = None
+    env: gymnasium.Env, agent: Agent, seed: int, shaping: Shaping | None = None, design=None
 ) -> tuple[float, int]:
     """Return (the sum of rewards in float64) and number of steps of one episode."""
     total, steps, free = 0.0, 0, False
-    for step in agent.play(env, seed):
+    for step in agent.play(env, seed, design):
         steps += 1
         if shaping and step.info["reward_terms"][shaping.free_term]:
             free = True
@@ -339,14 +349,21 @@ def check_world(experiment: Experiment, network: Network) -> None:
         )
 
 
-def engine_reason(experiment: Experiment, network: Network) -> str | None:
-    """Why the engine cannot run an experiment here, as a clause; None if it can."""
-    reason = engine.missing_reason()
-    if not reason and max(network.sizes) > engine.widest_layer():
-        reason = f"the compiled engine has layers of at most {engine.widest_layer()} values"
-    if not reason and experiment.shaping not in (None, Shaping()):
-        reason = "the compiled engine has the published code's shaped rewards alone"
-    return reason or envs.engine_reason(experiment.env_id)
+def engine_reason(task: EngineTask | None, experiment: Experiment, network: Network) -> str | None:
+    """Why the engine cannot run an experiment here, as a clause; None if it can.
+
+    Args:
+        task: `engine_task` of its environment; without one nothing is amiss, and the clause empty.
+    """
+    if task is None:
+        return ""
+    if reason := engine.missing_reason():
+        return reason
+    if max(network.sizes) > engine.widest_layer():
+        return f"the compiled engine has layers of at most {engine.widest_layer()} values"
+    if experiment.shaping not in (None, Shaping()):
+        return "the compiled engine has the published code's shaped rewards alone"
+    return tasks.engine_reason(experiment.env_id)
 
 
 def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
@@ -355,14 +372,17 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
     Args:
         options: `threads`, `progress` and others of `designrl.engine.rollout`.
     """
-    if engine_reason(episodes.experiment, episodes.network):
-        return run_reference(episodes, candidates, seeds)
     experiment, network = episodes.experiment, episodes.network
-    task, reward_factor = envs.engine_task(experiment.env_id, **episodes.env_kwargs)
+    found = engine_task(experiment.env_id, **episodes.env_kwargs)
+    if engine_reason(found, experiment, network) is not None:
+        return run_reference(episodes, candidates, seeds)
+    task, reward_factor = found
     own, rest = np.split(candidates, [network.num_parameters], axis=1)
     weights, log_stds = np.split(own, [network.num_weights], axis=1)
     scales = np.ones((len(seeds), experiment.body.design.size))
-    if experiment.design:
+    if episodes.design is not None:
+        scales *= episodes.design
+    elif experiment.design:
         scales = experiment.design.scales(rest)
     return engine.rollout(
         task,

@@ -14,6 +14,7 @@ import gymnasium
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from designrl.design import in_words
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
 from designrl.files import require_new, write_atomically
@@ -42,6 +43,7 @@ def record_video(
     path: str | Path,
     seed: int,
     progress: Callable[[int], None] = lambda count: None,
+    design=None,
 ) -> float:
     """Film one episode in real time.
 
@@ -49,20 +51,23 @@ def record_video(
         path: the file to write.
         seed: of the environment and of the policy's noise.
         progress: called with 1 after each picture.
+        design: the body to walk with, as `Agent.body_with` takes it; None: the agent's own.
 
     Returns: the score.
 
     Raises:
         InputError: another suffix than SUFFIXES, a file that exists or cannot be written, an
-            environment that draws no pictures, or no PyAV for an .mp4.
+            environment that draws no pictures, no PyAV for an .mp4, or no design of the body.
     """
     check_target(path)
-    score = 0.0
+    score, scales = 0.0, agent.body_with(design)
+    changes = in_words(agent.experiment.body.design.changes(agent.scales, scales))
+    title = ", ".join(filter(None, (name_of(agent), changes)))
 
     def frames() -> Iterator[Image.Image]:
         nonlocal score
-        for picture, seconds, score in film(agent, seed):  # noqa: B007 (the last one is returned)
-            yield captioned(picture, name_of(agent), f"{seconds:.1f} s: {score:.1f} points")
+        for picture, seconds, score in film(agent, seed, scales):  # noqa: B007 (it is returned)
+            yield captioned(picture, title, f"{seconds:.1f} s: {score:.1f} points")
             progress(1)
 
     write_video(path, frames(), agent)
@@ -111,7 +116,7 @@ def evolution_video(
     write_video(path, frames(), agents[0][1])
 
 
-def film(agent: Agent, seed: int) -> Iterator[tuple[np.ndarray, float, float]]:
+def film(agent: Agent, seed: int, design=None) -> Iterator[tuple[np.ndarray, float, float]]:
     """Pictures (H, W, 3) of an episode, at s of its time, with the score so far.
 
     Raises:
@@ -126,7 +131,7 @@ def film(agent: Agent, seed: int) -> Iterator[tuple[np.ndarray, float, float]]:
             )
     env = gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
     try:
-        for step in agent.play(env, seed):
+        for step in agent.play(env, seed, design):
             score += step.reward
             if step.t % EVERY == 0 or step.terminated or step.truncated:
                 yield body.picture(env.unwrapped), (step.t + 1) * body.time_step, score

@@ -32,8 +32,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 import designrl
 from designrl.bodies.walker import WALKER
-from designrl.envs import engine_reason
 from designrl.envs.sb3 import EngineVecEnv
+from designrl.envs.tasks import engine_reason
 from designrl.errors import InputError, remark
 from designrl.files import file_hash, write_atomically
 from designrl.names import find

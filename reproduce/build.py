@@ -23,8 +23,10 @@ from tqdm import tqdm
 
 from designrl.files import file_hash, write_atomically
 from designrl.provenance import sources_hash
-from reproduce import drawing, scores
+from reproduce import drawing, paths, scores
+from reproduce.paths import shown
 from reproduce.program import program
+from reproduce.sources import Sources
 
 ITEMS = (
     "table1",
@@ -45,6 +47,7 @@ ITEMS = (
 )
 # People write in the first, git does not keep the others: none belongs to a committed manifest.
 NOT_COMMITTED = ("README.md", ".svg", ".pdf")
+OURS = Sources()
 
 
 def load(name: str) -> ModuleType:
@@ -52,16 +55,15 @@ def load(name: str) -> ModuleType:
     return importlib.import_module(f"reproduce.{name}")
 
 
-def reads(module: ModuleType) -> list[Path]:
+def reads(module: ModuleType, sources: Sources = OURS) -> list[Path]:
     """The files that an item depends on."""
-    return module.reads() if hasattr(module, "reads") else scores.read_for(*module.READS)
+    return module.reads(sources) if hasattr(module, "reads") else sources.read_for(*module.READS)
 
 
 def hashes(paths: Iterable[Path]) -> dict[str, str]:
     """Path as a reader of the repository would write it -> SHA-256; "missing" where it is not."""
     return {
-        scores.shown(path): file_hash(path) if path.is_file() else "missing"
-        for path in sorted(set(paths))
+        shown(path): file_hash(path) if path.is_file() else "missing" for path in sorted(set(paths))
     }
 
 
@@ -76,37 +78,39 @@ def used_versions() -> dict[str, str]:
     return scores.used_versions() | drawn
 
 
-def manifest(name: str) -> Path:
+def manifest(name: str, sources: Sources = OURS) -> Path:
     """Where it is kept what an item read and wrote."""
-    return scores.output_folder() / "inputs" / f"{name}.json"
+    return sources.folder / "inputs" / f"{name}.json"
 
 
-def write(module: ModuleType) -> list[Path]:
+def write(module: ModuleType, sources: Sources) -> list[Path]:
     """Make an item; returns its files."""
     if hasattr(module, "tables"):
-        return [path for table in module.tables() for path in table.write()]
+        return [path for table in module.tables(sources) for path in table.write(sources)]
     if hasattr(module, "figures"):
-        return [path for drawn in module.figures().items() for path in drawing.save(*drawn)]
-    return module.main()
+        folder, drawn = sources.folder / "figures", module.figures(sources)
+        return [path for each in drawn.items() for path in drawing.save(folder, *each)]
+    return module.main(sources)
 
 
-def make(name: str) -> list[Path] | None:
+def make(name: str, sources: Sources = OURS) -> list[Path] | None:
     """Make an item; None where it is up to date, else what was written."""
     module = load(name)
-    state = {"versions": used_versions(), "inputs": hashes(reads(module))}
-    local = state | {"code": code(), "backend": scores.backend()}
-    here = scores.ROOT / ".cache" / "reproduce" / scores.output_folder().name / f"{name}.json"
+    state = {"versions": used_versions(), "inputs": hashes(reads(module, sources))}
+    local = state | {"code": code(), "backend": sources.backend}
+    here = paths.ROOT / ".cache" / "reproduce" / sources.folder.name / f"{name}.json"
     kept = json.loads(here.read_text(encoding="utf-8")) if here.exists() else {"outputs": ()}
-    now = local | {"outputs": hashes(scores.ROOT / path for path in kept["outputs"])}
-    if kept == now and manifest(name).exists():
+    now = local | {"outputs": hashes(paths.ROOT / path for path in kept["outputs"])}
+    if kept == now and manifest(name, sources).exists():
         return None
-    written = write(module)
+    written = write(module, sources)
     outputs = hashes(written)
     committed = {
         path: sha256 for path, sha256 in outputs.items() if not path.endswith(NOT_COMMITTED)
     }
     committed = {"command": f"make reproduce-{name}"} | state | {"outputs": committed}
-    for path, content in ((manifest(name), committed), (here, local | {"outputs": outputs})):
+    said = {manifest(name, sources): committed, here: local | {"outputs": outputs}}
+    for path, content in said.items():
         write_atomically(path, json.dumps(content, indent=1).encode() + b"\n")
     return written
 
@@ -116,15 +120,17 @@ def main(names: list[str]) -> None:
     unknown = [name for name in names if name not in ITEMS]
     if unknown:
         sys.exit(f"reproduce: there is no {unknown[0]!r}; there are {', '.join(ITEMS)}")
+    sources = Sources.asked()
     with tqdm(names or ITEMS, unit="item", disable=len(names) == 1, dynamic_ncols=True) as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            written = make(name)
+            written = make(name, sources)
             if len(names) == 1:
-                for path in json.loads(manifest(name).read_text(encoding="utf-8"))["outputs"]:
+                made = json.loads(manifest(name, sources).read_text(encoding="utf-8"))
+                for path in made["outputs"]:
                     if "tables/" in path and path.endswith(".md"):
-                        print((scores.ROOT / path).read_text(encoding="utf-8"))
-            files = ", ".join(scores.shown(path) for path in written or ())
+                        print((paths.ROOT / path).read_text(encoding="utf-8"))
+            files = ", ".join(shown(path) for path in written or ())
             tqdm.write(f"{name}: {files or 'up to date'}")
 
 

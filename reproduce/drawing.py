@@ -15,11 +15,11 @@ from matplotlib.ticker import MultipleLocator
 
 from designrl.bodies import GROUND_COLOR, SKY_COLOR
 from designrl.evaluation import episode_seeds
-from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
 from designrl.policy import Agent
-from reproduce import scores
-from reproduce.scores import Score
+from reproduce.paths import EIGHT
+from reproduce.scores import EPISODES, MISSING, SEED, Score
+from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
 
 WIDTH = 5.5  # inches: the paper's column
@@ -46,9 +46,8 @@ matplotlib.rcParams.update(
 )
 
 
-def save(name: str, figure: Figure) -> list[Path]:
-    """Write NAME.svg, .pdf and .png to the figures' folder; returns their paths."""
-    folder = scores.output_folder() / "figures"
+def save(folder: Path, name: str, figure: Figure) -> list[Path]:
+    """Write NAME.svg, .pdf and .png to a folder; returns their paths."""
     paths = []
     # A layout moves a little at each drawing: another order would change the committed PNG.
     for suffix, changing in (("svg", "Date"), ("pdf", "CreationDate"), ("png", "Software")):
@@ -75,8 +74,8 @@ def typical_seed(*found: Score | None) -> int:
     """The evaluation's seed whose returns are together closest to each agent's median."""
     returns = [s.returns for s in found if s is not None]
     ranks = [values.argsort(kind="stable").argsort(kind="stable") for values in returns]
-    away = np.sum([np.abs(rank - (scores.EPISODES - 1) / 2) for rank in ranks], axis=0)
-    return int(episode_seeds(scores.SEED, scores.EPISODES)[np.argmin(away)])
+    away = np.sum([np.abs(rank - (EPISODES - 1) / 2) for rank in ranks], axis=0)
+    return int(episode_seeds(SEED, EPISODES)[np.argmin(away)])
 
 
 # ------------------------------------------------------------------------------------- walkers
@@ -170,23 +169,25 @@ def draw_walk(axes: Axes, w: Walk) -> None:
     axes.set_ylabel("height (m)")
 
 
-def strips(experiments: tuple[str, ...], labels: tuple[str, ...], rank: int = 0) -> Figure:
+def strips(
+    sources: Sources, experiments: tuple[str, ...], labels: tuple[str, ...], rank: int = 0
+) -> Figure:
     """A strip per experiment: moments of one rollout, of our best run (rank 0) or the next one."""
-    found = [scores.representative(name, rank) for name in experiments]
-    same_task = len({EXPERIMENTS[name].env_id for name in experiments}) == 1
+    found = [sources.representative(name, rank) for name in experiments]
+    same_task = len({EIGHT[name].env_id for name in experiments}) == 1
     figure = Figure(figsize=(WIDTH, 1), layout="constrained")
     # Of a missing run only a title is there.
     rows = [1.0 if s else 0.01 for s in found]
     panels = figure.subplots(len(found), 1, squeeze=False, sharex=True, height_ratios=rows)[:, 0]
     for axes, label, s in zip(panels, labels, found, strict=True):
         if s is None:
-            axes.set_title(f"{label}: {scores.MISSING}")
+            axes.set_title(f"{label}: {MISSING}")
             axes.set_axis_off()
             continue
         w = walk(s.agent, typical_seed(*(found if same_task else [s])))
         fell = ", fell" if w.fell else ""
         axes.set_title(
-            f"{label}: {mean_and_std(s.mean, s.std)} over {scores.EPISODES} rollouts "
+            f"{label}: {mean_and_std(s.mean, s.std)} over {EPISODES} rollouts "
             f"({source_of(s)}); this one {w.score:.0f}{fell}"
         )
         draw_walk(axes, w)

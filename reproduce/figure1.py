@@ -3,6 +3,7 @@
 from matplotlib.figure import Figure
 
 from reproduce import drawing
+from reproduce.sources import Sources
 
 READS = ("biped-hardcore", "biped-hardcore-morphology")
 CAPTIONS = {
@@ -16,6 +17,6 @@ CAPTIONS = {
 }
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figure."""
-    return {"figure1": drawing.strips(READS, ("Original body", "Learned body"))}
+    return {"figure1": drawing.strips(sources, READS, ("Original body", "Learned body"))}

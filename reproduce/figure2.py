@@ -4,6 +4,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reproduce import drawing
+from reproduce.sources import Sources
 
 CAPTIONS = {
     "figure2": (
@@ -46,7 +47,7 @@ def loop(axes: Axes, altered: bool) -> None:
     axes.set_axis_off()
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 2.0), layout="constrained")
     left, right = figure.subplots(1, 2)

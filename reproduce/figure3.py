@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
 from designrl.bodies.ant import ANT, ANT_LEGS, TORSO_RADIUS, leg_capsules
-from reproduce import drawing, scores
-from reproduce.scores import Score
+from reproduce import drawing
+from reproduce.scores import EPISODES, MISSING, Score
+from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
 
 CAPTIONS = {
@@ -77,21 +78,21 @@ def capsule(axes: Axes, start, end, radius: float, colour: str) -> None:
     )
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 4.6), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=[2.4, 2.1])
     strips = above.subplots(2, 1)
     diagrams = below.subplots(1, 2)
     for strip, plan, label, experiment in zip(strips, diagrams, LABELS, READS, strict=True):
-        s = scores.representative(experiment)
+        s = sources.representative(experiment)
         strip.set_axis_off()
         if s is None:
-            strip.set_title(f"{label}: {scores.MISSING}")
+            strip.set_title(f"{label}: {MISSING}")
             plan.set_axis_off()
             continue
         strip.set_title(
-            f"{label}: {mean_and_std(s.mean, s.std)} over {scores.EPISODES} rollouts "
+            f"{label}: {mean_and_std(s.mean, s.std)} over {EPISODES} rollouts "
             f"({drawing.source_of(s)})"
         )
         for i, picture in enumerate(pictures(s)):

@@ -3,6 +3,7 @@
 from matplotlib.figure import Figure
 
 from reproduce import drawing
+from reproduce.sources import Sources
 
 READS = ("biped", "biped-morphology")
 CAPTIONS = {
@@ -10,6 +11,6 @@ CAPTIONS = {
 }
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figure."""
-    return {"figure4": drawing.strips(READS, ("Original body", "Learned body"))}
+    return {"figure4": drawing.strips(sources, READS, ("Original body", "Learned body"))}

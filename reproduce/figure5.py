@@ -10,9 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
-from reproduce import drawing, scores
-from reproduce.runs import SOLVED, Run, read_run, recordings
+from reproduce import drawing, paths
+from reproduce.paths import EIGHT, paper, recordings
+from reproduce.runs import SOLVED, Run, read_run
+from reproduce.scores import rewards_small_legs
+from reproduce.sources import Sources
 
 CAPTIONS = {
     "figure5": (
@@ -52,15 +54,15 @@ AXES = ("generation", STEPS, "core-hours")
 
 def returns(experiment: str) -> tuple[str, str]:
     """What the panels show, above and below."""
-    small_legs = scores.rewards_small_legs(experiment)
+    small_legs = rewards_small_legs(experiment)
     unit = "with the factor for legs" if small_legs else "points"
     return "population's mean\nreturn in training", f"best evaluation so far\n({unit})"
 
 
-def reads() -> list[Path]:
+def reads(sources: Sources) -> list[Path]:
     """The files that the figure depends on."""
-    found = [path for name in EXPERIMENTS for path in recordings(name)]
-    return [scores.ROOT / "paper" / "paper.toml", *found]
+    found = [path for name in EIGHT for path in recordings(name)]
+    return [paths.ROOT / "paper" / "paper.toml", *found]
 
 
 def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
@@ -95,7 +97,7 @@ def show_differences(axes: Axes, experiment: str) -> None:
 
 def mark_paper(axes: Axes, axis: str, experiment: str, label: str, colour: str) -> None:
     """When the paper's run had solved the task, where it says so."""
-    solved = scores.paper()["text"].get(experiment, {})
+    solved = paper()["text"].get(experiment, {})
     if axis == STEPS or "hours" not in solved:
         return
     at = solved["generations"]
@@ -108,7 +110,7 @@ def mark_paper(axes: Axes, axis: str, experiment: str, label: str, colour: str) 
 
 def curves(experiments: tuple[str, ...]) -> Figure:
     """The learning curves of some experiments: two panels for each of AXES."""
-    labels = {name: LABELS.get(name, EXPERIMENTS[name].title) for name in experiments}
+    labels = {name: LABELS.get(name, EIGHT[name].title) for name in experiments}
     found = {name: read_runs(name, label) for name, label in labels.items()}
     figure = Figure(figsize=(drawing.WIDTH, 3.9), layout="constrained")
     panels = figure.subplots(2, len(AXES), sharex="col", sharey="row")
@@ -140,6 +142,6 @@ def curves(experiments: tuple[str, ...]) -> Figure:
     return figure
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figures."""
     return {name: curves(experiments) for name, experiments in EXPERIMENTS_OF.items()}

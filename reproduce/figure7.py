@@ -3,6 +3,7 @@
 from matplotlib.figure import Figure
 
 from reproduce import drawing
+from reproduce.sources import Sources
 
 READS = ("biped-morphology", "biped-hardcore-morphology")
 CAPTIONS = {
@@ -14,7 +15,7 @@ CAPTIONS = {
 }
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figure."""
     labels = ("Another design", "Another design, hardcore")
-    return {"figure7": drawing.strips(READS, labels, rank=1)}
+    return {"figure7": drawing.strips(sources, READS, labels, rank=1)}

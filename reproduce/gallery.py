@@ -12,12 +12,12 @@ from pathlib import Path
 from PIL import Image
 from tqdm import tqdm
 
-from designrl.experiments import EXPERIMENTS
 from designrl.video import captioned, film, write_video
-from reproduce import scores
 from reproduce.drawing import typical_seed
+from reproduce.paths import EIGHT, shown
 from reproduce.program import program
 from reproduce.scores import Score
+from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
 
 WIDTH = 400  # pixels
@@ -37,21 +37,22 @@ def frames(s: Score) -> Iterator[Image.Image]:
             yield captioned(image.resize(size, Image.Resampling.LANCZOS), name, score)
 
 
-def write(s: Score) -> Path:
-    """Write an agent's video; returns its path."""
-    path = scores.output_folder() / "gallery" / f"{s.agent.experiment.name}.webp"
+def write(s: Score, folder: Path) -> Path:
+    """Write an agent's video to a folder; returns its path."""
+    path = folder / f"{s.agent.experiment.name}.webp"
     write_video(path, frames(s), s.agent)
     return path
 
 
 def main() -> None:
     """Write a video per experiment that has a checkpoint."""
-    with tqdm(EXPERIMENTS, unit="video") as bar:
+    sources = Sources.asked()
+    with tqdm(EIGHT, unit="video") as bar:
         for name in bar:
             bar.set_postfix_str(name)
-            if s := scores.representative(name):
-                path = write(s)
-                tqdm.write(f"{scores.shown(path)}: {path.stat().st_size / 1024:.0f} kB")
+            if s := sources.representative(name):
+                path = write(s, sources.folder / "gallery")
+                tqdm.write(f"{shown(path)}: {path.stat().st_size / 1024:.0f} kB")
 
 
 if __name__ == "__main__":

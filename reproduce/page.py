@@ -22,18 +22,17 @@ from pathlib import Path
 import markdown
 import numpy as np
 
-from designrl.envs import engine_task
+from designrl.envs.tasks import engine_task
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds
-from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
 from designrl.policy import noise_stds
 from designrl.recording import read
 from reproduce import scores
+from reproduce.paths import EIGHT, ROOT, pretrained, recording_of, recordings
 from reproduce.program import program
 from reproduce.scores import EPISODES, SEED, Score
 
-ROOT = Path(__file__).parents[1]
 SOURCE, TARGET = ROOT / "docs/page/src", ROOT / "docs/page/index.html"
 NATIVE = ROOT / "designrl/engine/native"
 LIMIT = 2_000_000  # bytes of the page
@@ -64,9 +63,9 @@ def sources() -> dict[str, bytes]:
     code += [path for task in ("walker", "ant") for path in (NATIVE / task).rglob("*.h")]
     found = {str(path): re.sub(rb"//.*", b"", path.read_bytes()) for path in code}  # no comments
     read = [*SOURCE.iterdir(), Path(__file__), ROOT / "paper/tables/table3.md"]
-    for name in EXPERIMENTS:
+    for name in EIGHT:
         read += (ROOT / "pretrained" / name).glob("*.safetensors")
-        read += (ROOT / "logs" / name).glob("*/generations.mcap")
+        read += recordings(name)
     found |= {str(path): path.read_bytes() for path in read if path.is_file()}
     found |= {"films": repr(films()).encode(), "README": (answers() + install()).encode()}
     return {name.removeprefix(f"{ROOT}/"): found[name] for name in sorted(found)}
@@ -127,7 +126,7 @@ def script() -> str:
 
 def agents() -> dict[str, Score]:
     """The published agents by name, with their scores."""
-    files = [(path, name) for name in EXPERIMENTS for path in scores.pretrained(name)]
+    files = [(path, name) for name in EIGHT for path in pretrained(name)]
     found = scores.usable(scores.score_all(files))
     return {f"{score.agent.experiment.name}/{score.path.stem}": score for score in found}
 
@@ -165,17 +164,18 @@ def data(found: dict[str, Score]) -> tuple[dict, np.ndarray]:
         }
         rows.append(row | policies.add(agent.network, agent.parameters))
     for name, score in found.items():
-        if (ROOT / "logs" / name / "generations.mcap").is_file():
-            runs[name] = run(name, score.agent, policies)
-    experiments = {name: experiment.title for name, experiment in EXPERIMENTS.items()}
+        if recording_of(score.path).is_file():
+            runs[name] = run(score, policies)
+    experiments = {name: experiment.title for name, experiment in EIGHT.items()}
     courses = episode_seeds(SEED, EPISODES).tolist()
     about = {"agents": rows, "courses": courses, "experiments": experiments, "runs": runs}
     return about, np.concatenate(policies.weights)
 
 
-def run(name: str, agent, policies: Policies) -> dict:
+def run(score: Score, policies: Policies) -> dict:
     """A run's evaluations, bodies and policies."""
-    recording = read(ROOT / "logs" / name / "generations.mcap")
+    agent, path = score.agent, recording_of(score.path)
+    recording = read(path)
     means = recording.array("/evaluation", "mean").tolist()
     about = {
         "kept": agent.metadata["generation"],
@@ -187,7 +187,7 @@ def run(name: str, agent, policies: Policies) -> dict:
             )
         ],
     }
-    if not usable_history(name):
+    if not usable_history(path):
         return about
     generations = recording.array("/design", "generation").astype(int)
     scales = recording.array("/design", "dimensions") / agent.experiment.body.design.originals
@@ -195,11 +195,11 @@ def run(name: str, agent, policies: Policies) -> dict:
         {"generation": g, "scales": row}
         for g, row in zip(generations.tolist(), scales.round(4).tolist(), strict=True)
     ]
-    first = next(n for n in runs_of(agent.experiment.name) if usable_history(n))
+    first = next(filter(usable_history, map(recording_of, pretrained(agent.experiment.name))))
     generations = recording.array("/distribution", "generation")
     means = recording.array("/distribution", "mu")
     kept = np.flatnonzero(generations < about["kept"])
-    if name == first:  # of one run each: a policy has 15 to 23 kB
+    if path == first:  # of one run each: a policy has 15 to 23 kB
         shown = kept[np.unique(np.linspace(0, len(kept) - 1, MAX_POLICIES).round().astype(int))]
     else:
         shown = kept[generations[kept] == 0]
@@ -209,16 +209,12 @@ def run(name: str, agent, policies: Policies) -> dict:
     return about
 
 
-def runs_of(experiment: str) -> list[str]:
-    """Names of an experiment's published runs."""
-    folders = sorted((ROOT / "logs" / experiment).glob("*/generations.mcap"))
-    return [f"{experiment}/{path.parent.name}" for path in folders]
-
-
 @cache
-def usable_history(name: str) -> bool:
-    """Whether a recording has bodies all along."""
-    recording = read(ROOT / "logs" / name / "generations.mcap")
+def usable_history(path: Path) -> bool:
+    """Whether there is a recording, with bodies all along."""
+    if not path.is_file():
+        return False
+    recording = read(path)
     if not recording.topics.get("/design"):
         return False
     last = recording.array("/summary", "generation").max() + 1
@@ -265,7 +261,7 @@ def figures() -> str:
 def films() -> list[str]:
     """Names of the films."""
     names = sorted(path.stem for path in (ROOT / "paper/gallery").glob("*.webp"))
-    order = list(EXPERIMENTS)
+    order = list(EIGHT)
     return sorted(names, key=lambda name: order.index(name) if name in order else len(order))
 
 
@@ -273,7 +269,7 @@ def film_figures() -> str:
     """The films with their names."""
 
     def title(name: str) -> str:
-        return EXPERIMENTS[name].title if name in EXPERIMENTS else name.replace("-", " ")
+        return EIGHT[name].title if name in EIGHT else name.replace("-", " ")
 
     return "".join(
         f'<figure><img loading="lazy" src="../../paper/gallery/{name}.webp" alt="{title(name)}">'
@@ -285,7 +281,7 @@ def film_figures() -> str:
 def run_tables(found: dict[str, Score]) -> str:
     """Every published run with its card, curve, recording and command."""
     parts = []
-    for experiment in EXPERIMENTS.values():
+    for experiment in EIGHT.values():
         rows = ["| | score | | | |", "|---|---|---|---|---|"]
         commands = set()
         for path in sorted((ROOT / "pretrained" / experiment.name).glob("*.safetensors")):
@@ -295,7 +291,7 @@ def run_tables(found: dict[str, Score]) -> str:
             links = [f"[card](../../pretrained/{name}.md)"] if text else []
             if path.with_suffix(".png").is_file():
                 links.append(f"[curve](../../pretrained/{name}.png)")
-            if (ROOT / "logs" / name).is_dir():
+            if recording_of(path).is_file():
                 links.append(f"[recording](../../logs/{name}/generations.mcap)")
             watch = f'<button data-watch="{name}">Watch</button>' if name in found else ""
             score = f"{found[name].mean:.1f} ± {found[name].std:.1f}" if name in found else ""

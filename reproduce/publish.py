@@ -17,16 +17,16 @@ from matplotlib.figure import Figure
 from tabulate import tabulate
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
 from designrl.names import load
 from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
-from reproduce import drawing, figure5, scores
+from reproduce import drawing, figure5, paths, scores
+from reproduce.paths import EIGHT, paper, recording_of
 from reproduce.program import program
-from reproduce.runs import Run, read_run, recording_of
-from reproduce.scores import Score
+from reproduce.runs import Run, read_run
+from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
 
@@ -57,7 +57,7 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
     agent = load(run / "best.safetensors")
     recorded = read_run(run / "generations.mcap")
     name = name or f"seed{agent.metadata['seed']}"
-    checkpoint = scores.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
+    checkpoint = paths.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
     content = (run / "best.safetensors").read_bytes()
     if checkpoint.exists() and checkpoint.read_bytes() != content and not replace:
         raise InputError(f"{checkpoint} is of another run; add --replace to publish this one")
@@ -66,7 +66,7 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
     log.mkdir(parents=True)
     thin(run / "generations.mcap", log / "generations.mcap")
     rollout = log / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
-    record_rollout(agent, rollout, scores.SEED, steps=ROLLOUT_STEPS)
+    record_rollout(agent, rollout, SEED, steps=ROLLOUT_STEPS)
     write_atomically(checkpoint, content)
     learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
     found = scores.score(checkpoint, agent.experiment.name)
@@ -77,7 +77,7 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
 
 def add_to_index(s: Score) -> None:
     """Write a checkpoint's score to pretrained/index.json, which `designrl checkpoints` lists."""
-    folder = scores.ROOT / "pretrained"
+    folder = paths.ROOT / "pretrained"
     path = folder / "index.json"
     found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     found[s.path.relative_to(folder).with_suffix("").as_posix()] = {
@@ -85,7 +85,7 @@ def add_to_index(s: Score) -> None:
         "std": round(s.std, 1),
         "episodes": len(s.returns),
     }
-    names = list(EXPERIMENTS)
+    names = list(EIGHT)
 
     def place(name: str) -> tuple:
         experiment, run = name.split("/")
@@ -101,8 +101,8 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
     left, right = figure.subplots(1, 2)
     figure5.draw(left, right, figure5.STEPS, [run], "this run", drawing.ORIGINAL)
     name = agent.experiment.name
-    if not scores.rewards_small_legs(name):  # the paper's number is without that factor
-        mean, _ = scores.paper()["table3"][name]
+    if not rewards_small_legs(name):  # the paper's number is without that factor
+        mean, _ = paper()["table3"][name]
         right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
     figure5.show_differences(right, name)
     for axes, label in zip((left, right), figure5.returns(name), strict=True):
@@ -117,13 +117,13 @@ def card(s: Score, run: Run) -> str:
     """What a reader must know of a checkpoint: score, cost, curve, body, command."""
     m, experiment, design = s.agent.metadata, s.agent.experiment, s.agent.experiment.design
     error = 1.96 * s.std / np.sqrt(len(s.returns))
-    mean, std = scores.paper()["table3"][experiment.name]
-    factor = ", with the reward for smaller legs" * scores.rewards_small_legs(experiment.name)
+    mean, std = paper()["table3"][experiment.name]
+    factor = ", with the reward for smaller legs" * rewards_small_legs(experiment.name)
     paragraphs = [
         f"# {experiment.title}, seed {m['seed']}",
         f"({experiment.letter}) of Table 3; `{s.path.name}`, sha256 {s.sha256}.",
-        f"**Score** {s.mean:.1f} ± {s.std:.1f} over {scores.EPISODES} rollouts (95 % interval of "
-        f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; evaluation seed {scores.SEED}). "
+        f"**Score** {s.mean:.1f} ± {s.std:.1f} over {EPISODES} rollouts (95 % interval of "
+        f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; evaluation seed {SEED}). "
         f"The paper's ten runs: {mean} ± {std}.",
         f"**Cost** {run.steps_with(s.agent):,} environment steps, {run.core_hours[-1]:.2f} "
         f"core-hours, {run.hours[-1]:.2f} hours on {run.host}. "

@@ -13,10 +13,12 @@ import numpy as np
 from tabulate import tabulate
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
-from reproduce import scores, statistics
-from reproduce.runs import read_run, recording_of
+from reproduce import paths, statistics
+from reproduce.paths import EIGHT, paper, pretrained, recording_of
+from reproduce.runs import read_run
+from reproduce.scores import EPISODES, SEED
+from reproduce.sources import Sources
 from reproduce.table3 import over_runs, verdict
 from reproduce.tables import as_csv
 
@@ -30,16 +32,16 @@ QUESTIONS = (
 )
 
 
-def paths() -> tuple[Path, Path]:
+def files() -> tuple[Path, Path]:
     """The scores of the author's run 1 of each experiment, and of our runs."""
-    paper = scores.ROOT / "paper"
-    return paper / "author.csv", paper / "tables" / "table3.csv"
+    folder = paths.ROOT / "paper"
+    return folder / "author.csv", folder / "tables" / "table3.csv"
 
 
-def reads() -> list[Path]:
+def reads(sources: Sources) -> list[Path]:
     """The files that the table depends on."""
     read = [path for name in HARDCORE for path in recordings(name)]
-    return [*scores.read_for(), paths()[1], *read]
+    return [*sources.read_for(), files()[1], *read]
 
 
 def by_experiment(path: Path) -> dict[str, dict]:
@@ -48,29 +50,29 @@ def by_experiment(path: Path) -> dict[str, dict]:
         return {record["experiment"]: record for record in csv.DictReader(file)}
 
 
-def score_author() -> None:
+def score_author(sources: Sources) -> None:
     """Score those of the author's weights that are there, and keep the results."""
-    path, _ = paths()
+    path, _ = files()
     kept = by_experiment(path) if path.exists() else {}
-    for name in EXPERIMENTS:
-        s = scores.score(scores.authors(name)[1], name)
+    for name in EIGHT:
+        s = sources.score(sources.authors(name)[1], name)
         if not s.problem:
             kept[name] = {"experiment": name, "mean": s.mean, "std": s.std}
-            kept[name] |= {"episodes": scores.EPISODES, "seed": scores.SEED, "sha256": s.sha256}
-    write_atomically(path, as_csv([kept[name] for name in EXPERIMENTS if name in kept]).encode())
+            kept[name] |= {"episodes": EPISODES, "seed": SEED, "sha256": s.sha256}
+    write_atomically(path, as_csv([kept[name] for name in EIGHT if name in kept]).encode())
 
 
 def our_means() -> dict[str, list[float]]:
     """The average score of each of our runs, by experiment."""
-    ours = by_experiment(paths()[1])
-    return {name: [float(n) for n in ours[name]["our_means"].split()] for name in EXPERIMENTS}
+    ours = by_experiment(files()[1])
+    return {name: [float(n) for n in ours[name]["our_means"].split()] for name in EIGHT}
 
 
 def table() -> str:
     """The table as Markdown."""
-    printed, ours, found = scores.paper(), by_experiment(paths()[1]), our_means()
+    printed, ours, found = paper(), by_experiment(files()[1]), our_means()
     rows = []
-    for name, experiment in EXPERIMENTS.items():
+    for name, experiment in EIGHT.items():
         means = found[name]
         stds = [float(n) for n in ours[name]["our_stds_over_rollouts"].split()]
         cells = [f"({experiment.letter})", experiment.title]
@@ -96,7 +98,7 @@ def score_answer(topic: str, without: str, with_: str, found: dict[str, list[flo
         return f"**{topic}: not known.** There are no runs of both yet."
     said = statistics.compare(before, after)
     answer = {"higher": "yes", "lower": "no"}.get(statistics.verdict(said), "not decided")
-    table4 = scores.paper()["table4"]
+    table4 = paper()["table4"]
     theirs = np.mean(table4[with_]) - np.mean(table4[without])
     return (
         f"**{topic}: {answer}.** With a learned body, {said['difference']:+,.0f} points in our "
@@ -125,7 +127,7 @@ def speed_answer() -> str:
     answer = "yes" if learned.mean() < original.mean() else "no"
     if statistics.permutation_p(original, learned) >= statistics.SIGNIFICANT:
         answer = "not decided"
-    printed = scores.paper()["text"]
+    printed = paper()["text"]
     theirs = " and ".join(f"{printed[name]['generations']:,}" for name in HARDCORE)
     return (
         f"**Hardcore, speed: {answer}.** {', '.join(parts)}. "
@@ -137,7 +139,7 @@ def speed_answer() -> str:
 
 def recordings(experiment: str) -> list[Path]:
     """Those of our runs of an experiment."""
-    return [recording_of(path) for path in scores.pretrained(experiment)]
+    return [recording_of(path) for path in pretrained(experiment)]
 
 
 def put(text: str, start: str, content: str, end: str) -> str:
@@ -149,11 +151,11 @@ def put(text: str, start: str, content: str, end: str) -> str:
     return f"{before}{start}\n{content}\n{end}{after}"
 
 
-def main() -> list[Path]:
+def main(sources: Sources) -> list[Path]:
     """Put answers and table into README.md; returns its path."""
-    if scores.zoo():
-        score_author()
-    readme = scores.ROOT / "README.md"
+    if sources.zoo:
+        score_author(sources)
+    readme = paths.ROOT / "README.md"
     text = put(readme.read_text(encoding="utf-8"), ANSWERS, answers(), ANSWERS_END)
     write_atomically(readme, put(text, START, table(), END).encode())
     return [readme]

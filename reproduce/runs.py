@@ -8,19 +8,8 @@ import numpy as np
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import read
-from reproduce import scores
 
 SOLVED = 300.0  # points, for the walkers
-
-
-def recordings(experiment: str) -> list[Path]:
-    """The recordings of our runs of an experiment, that with the paper's own settings first."""
-    return sorted((scores.ROOT / "logs" / experiment).glob("*seed*/generations.mcap"))
-
-
-def recording_of(checkpoint: Path) -> Path:
-    """The recording of the run that one of our checkpoints is of."""
-    return scores.ROOT / "logs" / checkpoint.parent.name / checkpoint.stem / "generations.mcap"
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ import itertools
 
 import numpy as np
 
-from designrl.experiments import EXPERIMENTS
-from reproduce import scores
+from reproduce.paths import EIGHT, paper
+from reproduce.scores import Score, title, usable
+from reproduce.sources import Sources
 from reproduce.tables import PAPER, Table, row
 
-READS = tuple(EXPERIMENTS)
+READS = tuple(EIGHT)
 PAIRS = (
     ("ant", "ant-morphology"),
     ("biped", "biped-morphology"),
@@ -95,13 +96,13 @@ def interval(low: float, high: float, shape: str = "{:.0f}") -> str:
 Means = dict[str, dict[str, np.ndarray]]  # experiment -> source -> (n,) means of its runs
 
 
-def pairs(means: Means, ours: list[scores.Score]) -> Table:
+def pairs(means: Means, ours: list[Score]) -> Table:
     """The table of pairs."""
     rows, records = [], []
     for without, with_ in PAIRS:
         rows += [None] if rows else []
-        letters = f"({EXPERIMENTS[with_].letter}) over ({EXPERIMENTS[without].letter})"
-        head = [letters, EXPERIMENTS[with_].title]
+        letters = f"({EIGHT[with_].letter}) over ({EIGHT[without].letter})"
+        head = [letters, EIGHT[with_].title]
         for source, b in means[with_].items():
             a = means[without][source]
             numbers, words = ["", "", ""], "no runs of both yet"
@@ -146,22 +147,22 @@ def pairs(means: Means, ours: list[scores.Score]) -> Table:
     )
 
 
-def intervals(means: Means, ours: list[scores.Score]) -> Table:
+def intervals(means: Means, ours: list[Score]) -> Table:
     """The table of intervals of each experiment's mean, and of each run of ours."""
     rows, records = [], []
     for name, sources in means.items():
         lines = [(source, "runs", values) for source, values in sources.items()]
-        mine = [s for s in scores.usable(ours) if s.agent.experiment.name == name]
+        mine = [s for s in usable(ours) if s.agent.experiment.name == name]
         lines += [(f"ours, {s.run}", "rollouts", s.returns) for s in mine]
         for source, unit, values in lines:
             count = f"{len(values)} {unit if len(values) != 1 else unit[:-1]}"
             if len(values) == 0:
-                rows.append([scores.title(name), source, count, "", "", ""])
+                rows.append([title(name), source, count, "", "", ""])
                 continue
             low, high = mean_interval(values)
             middle = np.median(values)
             texts = [count, f"{values.mean():.1f}", interval(low, high), f"{middle:.0f}"]
-            rows.append(row([scores.title(name)], source, texts, name))
+            rows.append(row([title(name)], source, texts, name))
             records.append(
                 {"experiment": name, "source": source, "over": unit, "count": len(values)}
                 | {"mean": values.mean(), "low": low, "high": high, "median": middle}
@@ -181,12 +182,12 @@ def intervals(means: Means, ours: list[scores.Score]) -> Table:
     )
 
 
-def tables() -> list[Table]:
+def tables(sources: Sources) -> list[Table]:
     """Both tables."""
     means, ours = {}, []
-    for name, sources in scores.by_source(*EXPERIMENTS).items():
-        means[name] = {PAPER: np.array(scores.paper()["table4"][name], dtype=float)}
-        for source, runs in sources.items():
-            means[name][source] = np.array([s.mean for s in scores.usable(runs.values())])
+    for name, by_source in sources.by_source(*EIGHT).items():
+        means[name] = {PAPER: np.array(paper()["table4"][name], dtype=float)}
+        for source, runs in by_source.items():
+            means[name][source] = np.array([s.mean for s in usable(runs.values())])
             ours += runs.values() if source == "ours" else ()
     return [pairs(means, ours), intervals(means, ours)]

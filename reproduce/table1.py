@@ -3,7 +3,9 @@
 import numpy as np
 
 from designrl.bodies.ant import ANT, ANT_LEGS, ANT_PARTS
-from reproduce import scores
+from reproduce.paths import paper
+from reproduce.scores import MISSING
+from reproduce.sources import Sources
 from reproduce.tables import PAPER, Table, row
 
 EXPERIMENT = "ant-morphology"
@@ -24,10 +26,10 @@ def percentages(scales: np.ndarray) -> np.ndarray:
     return 100 * sizes(scales) / sizes(np.ones(ANT.design.size))
 
 
-def tables() -> list[Table]:
+def tables(sources: Sources) -> list[Table]:
     """The table."""
-    printed = scores.paper()["table1"]
-    found = scores.by_label(EXPERIMENT, scored=False)
+    printed = paper()["table1"]
+    found = sources.by_label(EXPERIMENT, scored=False)
     bodies = {PAPER: np.array([printed[part] for part in ANT_PARTS], dtype=float)}
     bodies |= {label: percentages(s.agent.design) for label, s in found.items() if s.agent}
 
@@ -42,7 +44,7 @@ def tables() -> list[Table]:
                 for leg, (length, radius) in zip(ANT_LEGS, values[i], strict=True)
             ]
         if len(bodies) == 1:
-            rows.append(row([part.capitalize()], "ours", [scores.MISSING, *[""] * 7], EXPERIMENT))
+            rows.append(row([part.capitalize()], "ours", [MISSING, *[""] * 7], EXPERIMENT))
     names = [leg.title().replace("Front", "Top").replace("Back", "Bottom") for leg in ANT_LEGS]
     table = Table(
         "table1",

@@ -3,24 +3,25 @@
 import numpy as np
 
 from designrl.bodies.walker import WALKER, leg_area
-from designrl.experiments import EXPERIMENTS
-from reproduce import scores
+from reproduce.paths import EIGHT, paper, pretrained
+from reproduce.scores import MISSING, rewards_small_legs
+from reproduce.sources import Sources
 from reproduce.tables import PAPER, Table, mean_and_std, row
 
 ENVIRONMENTS = {  # ours -> as the paper names it
     "designrl/BipedalWalker-v0": "BipedalWalker-v2",
     "designrl/BipedalWalkerHardcore-v0": "BipedalWalkerHardcore-v2",
 }
-WALKERS = tuple(name for name, e in EXPERIMENTS.items() if e.env_id in ENVIRONMENTS)
+WALKERS = tuple(name for name, e in EIGHT.items() if e.env_id in ENVIRONMENTS)
 READS = WALKERS
 
 
 def place(name: str) -> list[str]:
     """Environment and body of an experiment, as the paper names them."""
-    body = "Original" if EXPERIMENTS[name].design is None else "Learnable"
-    if scores.rewards_small_legs(name):
+    body = "Original" if EIGHT[name].design is None else "Learnable"
+    if rewards_small_legs(name):
         body = "Reward smaller leg"
-    return [ENVIRONMENTS[EXPERIMENTS[name].env_id], body]
+    return [ENVIRONMENTS[EIGHT[name].env_id], body]
 
 
 def legs(scales: np.ndarray) -> tuple[float, np.ndarray]:
@@ -29,9 +30,9 @@ def legs(scales: np.ndarray) -> tuple[float, np.ndarray]:
     return area, WALKER.design.dimensions(scales)
 
 
-def tables() -> list[Table]:
+def tables(sources: Sources) -> list[Table]:
     """The table."""
-    printed = scores.paper()["table2"]
+    printed = paper()["table2"]
     rows, records, used = [], [], []
 
     def add(name: str, source: str, mean, std, area, sizes, sha256="") -> None:
@@ -49,9 +50,9 @@ def tables() -> list[Table]:
         rows += [None] if i == 3 else []
         p = printed[name]
         add(name, PAPER, *p["score"], p["leg_area"], p["dimensions"])
-        if not scores.pretrained(name):
-            rows.append(row(place(name), "ours", [scores.MISSING, *[""] * 9], name))
-        found = scores.by_label(name)
+        if not pretrained(name):
+            rows.append(row(place(name), "ours", [MISSING, *[""] * 9], name))
+        found = sources.by_label(name)
         used += found.values()
         for source, s in found.items():
             if s.problem:

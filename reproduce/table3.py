@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from designrl.experiments import EXPERIMENTS
-from reproduce import scores
-from reproduce.scores import usable
+from reproduce.paths import EIGHT, paper
+from reproduce.scores import MISSING, usable
+from reproduce.sources import Sources
 from reproduce.tables import PAPER, Cell, Table
 
-READS = tuple(EXPERIMENTS)
+READS = tuple(EIGHT)
 
 
 def in_words(name: str, mean: float) -> str:
     """How the mean of our runs of an experiment lies to the paper's runs."""
-    paper_mean, runs = scores.paper()["table3"][name][0], scores.paper()["table4"][name]
+    paper_mean, runs = paper()["table3"][name][0], paper()["table4"][name]
     difference = mean - paper_mean
     size = f"{abs(difference):.0f} ({abs(difference) / paper_mean:.1%})"
     words = f"{size} {'above' if difference > 0 else 'below'} the paper's mean"
@@ -27,7 +27,7 @@ def in_words(name: str, mean: float) -> str:
 
 def verdict(name: str, mean: float) -> str:
     """ "within" the range of the paper's runs of an experiment, "above" or "below" it."""
-    runs = scores.paper()["table4"][name]  # whole points
+    runs = paper()["table4"][name]  # whole points
     if mean > max(runs) + 0.5:
         return "above"
     return "below" if mean < min(runs) - 0.5 else "within"
@@ -45,21 +45,21 @@ def over_runs(means: list[float], stds: list[float]) -> str:
     return f"{np.mean(means):.0f} ± {std_over_runs(means):.1f}"
 
 
-def tables() -> list[Table]:
+def tables(sources: Sources) -> list[Table]:
     """The table."""
-    printed = scores.paper()
+    printed = paper()
     header = ["", "Experiment", "Paper (10 runs)", "Ours", "Our runs", "Ours is"]
-    if scores.zoo():
+    if sources.zoo:
         header += ["Author's weights, here", "of runs (the paper's mean of these)"]
     rows, records, used = [], [], []
-    runs_of = scores.by_source(*EXPERIMENTS)
-    for name, experiment in EXPERIMENTS.items():
+    runs_of = sources.by_source(*EIGHT)
+    for name, experiment in EIGHT.items():
         rows += [None] if experiment.letter in "cf" else []
         found = runs_of[name]
         used += [s for runs in found.values() for s in runs.values()]
         ours = found["ours"].values()
         means, stds = [s.mean for s in usable(ours)], [s.std for s in usable(ours)]
-        value, words = "-", "no usable checkpoint" if ours else scores.MISSING
+        value, words = "-", "no usable checkpoint" if ours else MISSING
         if means:
             value, words = Cell(over_runs(means, stds), name), in_words(name, np.mean(means))
         words += "".join(f"; not used: {s.problem}" for s in ours if s.problem)
@@ -77,7 +77,7 @@ def tables() -> list[Table]:
             "our_stds_over_rollouts": " ".join(f"{std:.4f}" for std in stds),
             "checkpoints": " ".join(s.sha256 for s in usable(ours)),
         }
-        if scores.zoo():
+        if sources.zoo:
             theirs = found["author's weights"]
             good = {run: s for run, s in theirs.items() if not s.problem}
             means, stds = [s.mean for s in good.values()], [s.std for s in good.values()]

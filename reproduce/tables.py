@@ -9,8 +9,9 @@ from pathlib import Path
 from tabulate import tabulate
 
 from designrl.files import write_atomically
-from reproduce import scores
+from reproduce.paths import shown
 from reproduce.scores import Score
+from reproduce.sources import Sources
 
 PAPER = "paper"
 _LATEX = {"%": r"\%", "&": r"\&", "#": r"\#", "_": r"\_", "±": r"$\pm$", "–": "--"}
@@ -90,7 +91,7 @@ class Table:
         lines += [r"\midrule" if row is None else line(row) for row in self.rows]
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
-    def origins(self) -> list[str]:
+    def origins(self, sources: Sources) -> list[str]:
         """How its scores were made, and the checkpoints, with those that cannot be used."""
         lines = []
         for s in self.scores:
@@ -100,16 +101,18 @@ class Table:
             steps = s.agent.metadata.get("environment_steps")
             score = "" if s.returns is None else f", {s.mean:.1f} ± {s.std:.1f}"
             trained = f", {steps:,} training steps" if steps else ""
-            lines.append(f"- `{scores.shown(s.path)}`, sha256 `{s.sha256[:16]}`{score}{trained}")
+            lines.append(f"- `{shown(s.path)}`, sha256 `{s.sha256[:16]}`{score}{trained}")
         scored = any(s.returns is not None for s in self.scores)
-        note = [scores.scoring_note()] if scored else []
+        note = [sources.note()] if scored else []
         return [*note, "Checkpoints:\n\n" + "\n".join(lines)] if lines else []
 
-    def write(self) -> list[Path]:
+    def write(self, sources: Sources) -> list[Path]:
         """Write NAME.md, .tex and .csv to the tables' folder; returns their paths."""
-        text = "\n\n".join([f"# {self.title}", self.markdown(), *self.notes, *self.origins()])
+        text = "\n\n".join(
+            [f"# {self.title}", self.markdown(), *self.notes, *self.origins(sources)]
+        )
         contents = {"md": text + "\n", "tex": self.latex(), "csv": as_csv(self.records)}
-        paths = [scores.output_folder() / "tables" / f"{self.name}.{kind}" for kind in contents]
+        paths = [sources.folder / "tables" / f"{self.name}.{kind}" for kind in contents]
         for path, content in zip(paths, contents.values(), strict=True):
             write_atomically(path, content.encode())
         return paths

@@ -24,14 +24,15 @@ from tqdm import tqdm
 
 from designrl.checkpoint import STATE_FORMAT, load, read_tensors
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.experiments import get_experiment
 from designrl.files import write_atomically
 from designrl.provenance import core_count
 from designrl.recording import read, thin
 from designrl.recording.run import KEPT
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
-from reproduce import scores
+from reproduce import paths
+from reproduce.paths import EIGHT, shown
 from reproduce.program import program
 from reproduce.publish import publish
 
@@ -69,13 +70,13 @@ class Planned:
     @property
     def published(self) -> bool:
         """It is done: its checkpoint is there and says that it was trained so."""
-        path = (scores.ROOT / "pretrained" / self.place).with_suffix(".safetensors")
+        path = (paths.ROOT / "pretrained" / self.place).with_suffix(".safetensors")
         return path.exists() and load(path).metadata.get("settings") == self.settings.as_dict()
 
 
 def plan() -> Iterator[Planned]:
     """All runs, those that make every row of Table 3 useful first."""
-    names = {experiment.letter: name for name, experiment in EXPERIMENTS.items()}
+    names = {experiment.letter: name for name, experiment in EIGHT.items()}
 
     def seeds(counts: dict[str, int], start: dict[str, int]) -> Iterator[Planned]:
         for seed in range(max(counts.values())):
@@ -96,7 +97,7 @@ def plan() -> Iterator[Planned]:
 
 def unfinished(run: Planned) -> Path:
     """Where the state of a run that was left unfinished is committed."""
-    return scores.ROOT / "logs" / "unfinished" / run.place
+    return paths.ROOT / "logs" / "unfinished" / run.place
 
 
 @dataclass
@@ -138,7 +139,7 @@ def start(run: Planned, folder: Path, position: int) -> Training:
     command += ["--resume"] * (folder / "state.safetensors").exists()
     with (folder / "log.txt").open("w") as log:
         process = subprocess.Popen(
-            command, cwd=scores.ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            command, cwd=paths.ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log
         )
     bar = tqdm(
         total=run.settings.generations, desc=str(run.place), position=position, leave=False,
@@ -201,7 +202,7 @@ def save(left: list[Planned], folder: Path) -> None:
             for name in ("best.safetensors", "state.safetensors"):
                 with suppress(FileNotFoundError):
                     write_atomically(target / name, (source / name).read_bytes())
-            print(f"{scores.shown(target)} written")
+            print(f"{shown(target)} written")
 
 
 def compare(run: Planned) -> int:
@@ -210,7 +211,7 @@ def compare(run: Planned) -> int:
     Raises:
         InputError: they differ from the run's recording.
     """
-    recording = read(scores.ROOT / "logs" / run.place / "generations.mcap")
+    recording = read(paths.ROOT / "logs" / run.place / "generations.mcap")
     held = recording.generations[:COMPARED_GENERATIONS]
     with tempfile.TemporaryDirectory() as folder:
         again = TrainingRun(replace(run.settings, generations=int(held[-1]) + 1), folder)
@@ -240,13 +241,13 @@ def main() -> None:
     """Train, save or verify the runs of the plan."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="*", metavar="EXPERIMENT", help="runs of these alone")
-    parser.add_argument("--folder", type=Path, default=scores.ROOT / "runs" / "all")
+    parser.add_argument("--folder", type=Path, default=paths.ROOT / "runs" / "all")
     parser.add_argument("--cores", type=int, default=core_count())
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--save", action="store_true", help="unfinished runs to logs/unfinished")
     what.add_argument("--verify", action="store_true", help="the first generations once more")
     args = parser.parse_args()
-    only = {get_experiment(name).name for name in args.only or EXPERIMENTS}
+    only = {get_experiment(name).name for name in args.only or EIGHT}
     planned = [run for run in plan() if run.settings.experiment in only]
     left = [run for run in planned if not run.published]
     if args.verify:

@@ -13,9 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from designrl.errors import InputError
-from reproduce import drawing, scores
+from reproduce import drawing, paths
 from reproduce.figure5 import STEPS
 from reproduce.runs import SOLVED
+from reproduce.sources import Sources
 from reproduce.statistics import compare, interval, mean_interval, verdict
 
 CAPTIONS = {
@@ -34,10 +35,10 @@ BODIES = {"original": drawing.ORIGINAL, "learned": drawing.LEARNED}
 
 def curves(task: str, body: str) -> list[Path]:
     """The curves of a body, by seed."""
-    return sorted((scores.ROOT / "paper" / "transfer" / task / body).glob("seed*.csv"))
+    return sorted((paths.ROOT / "paper" / "transfer" / task / body).glob("seed*.csv"))
 
 
-def reads() -> list[Path]:
+def reads(sources: Sources) -> list[Path]:
     """The files that the figure depends on."""
     return [path for task in TASKS for body in BODIES for path in curves(task, body)]
 
@@ -105,7 +106,7 @@ def difference(original: np.ndarray, learned: np.ndarray, when: str) -> str:
     return f"{when} {means}: {change} ({verdict(c)})"
 
 
-def figures() -> dict[str, Figure]:
+def figures(sources: Sources) -> dict[str, Figure]:
     """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 2.3), layout="constrained")
     for axes, (task, title) in zip(figure.subplots(1, len(TASKS)), TASKS.items(), strict=True):

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from designrl import engine, envs, simulation
+from designrl import engine
 from designrl.bodies.ant import ANT
 from designrl.engine import rollout
-from designrl.envs import engine_task
+from designrl.envs import tasks
+from designrl.envs.tasks import engine_task
 from designrl.errors import InputError
 from designrl.experiments import ANT_NETWORK, PUBLISHED_ANT_NETWORK, Network, get_experiment
 from designrl.policy import noise_stds
@@ -165,7 +166,7 @@ def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):
     # Another C library or Bullet: here, a gravity that is smaller by its last bit.
     from designrl.envs import ant
 
-    monkeypatch.setattr(envs, "_trials", {})
+    monkeypatch.setattr(tasks, "trial", tasks.trial.__wrapped__)
     monkeypatch.setattr(ant, "GRAVITY", np.nextafter(9.8, 9))
     with Simulator("ant", "engine") as simulator:
         assert simulator.backend == "reference"
@@ -173,8 +174,7 @@ def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):
     assert "not the reference's to the bit" in said
     assert len(said.splitlines()) == 1
     monkeypatch.undo()
-    experiment = get_experiment("ant")
-    assert simulation.engine_reason(experiment, experiment.network) is None
+    assert tasks.engine_reason("designrl/Ant-v0") is None
 
 
 def test_workers_without_the_engine_use_the_reference(monkeypatch):

@@ -61,6 +61,25 @@ def test_evaluate_prints_one_json_object_with_the_scores_that_python_gives(check
     assert result.keys() > {"std", "min", "max", "steps", "seconds"}
 
 
+def test_a_body_can_be_changed_by_name(checkpoint, tmp_path, capsys):
+    changes = ["bottom leg 2 height=0.6", "top leg 1 width=1.5"]
+    words = ["--seed", "7", "--design", *changes]
+    main(["evaluate", str(checkpoint), "--episodes", "2", "--json", *words])
+    result = json.loads(capsys.readouterr().out)
+    named = {"bottom leg 2 height": 0.6, "top leg 1 width": 1.5}
+    assert result["changed"] == named and result["design"][0] == 1.5
+    expected = designrl.evaluate(checkpoint, episodes=2, seed=7, design=named)
+    assert result["scores"] == expected.scores.tolist()
+    main(["evaluate", str(checkpoint), "--episodes", "1", "--design", "top leg 1 width=1.5"])
+    assert "not in its own body: top leg 1 width = 1.5" in capsys.readouterr().out
+    recording = str(tmp_path / "r.mcap")
+    main(["record", str(checkpoint), "-o", recording, *words[:2], *("--design", changes[0])])
+    score = designrl.evaluate(checkpoint, episodes=1, seed=7, design={changes[0][:-4]: 0.6}).scores
+    assert f"{score[0]:.1f} points" in capsys.readouterr().out
+    main(["info", recording])
+    assert 'changed: {"bottom leg 2 height": 0.6}' in capsys.readouterr().out
+
+
 def test_import_writes_a_checkpoint_and_never_overwrites(tmp_path, capsys):
     parameters = np.arange(2804) / 1e4
     (tmp_path / "a.json").write_text(json.dumps([parameters.tolist(), 1.0]))
@@ -108,6 +127,8 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("replay r.mcap --save r.png", "r.png would not be opened as what it is"),
         ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),
+        ("evaluate agent.safetensors --design height", "is no dimension and its scale"),
+        ("record agent.safetensors -o r.mcap --design height=1", "no dimension 'height'"),
         ("evaluate biped", "biped is an experiment; name an agent of"),
         ("train biped --recipe plain --sigma-change-max 0.1", "sigma-change-max is part of"),
         ("record agent.safetensors", "-o FILE.mcap, --video FILE.mp4, or both"),

@@ -4,9 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from designrl.bodies.ant import ANT
-from designrl.bodies.walker import WALKER, leg_area, leg_area_reward_factor
+from designrl.bodies.walker import WALKER, leg_area
+from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
-from reproduce.scores import paper
+from reproduce.paths import paper
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=8, max_size=8))

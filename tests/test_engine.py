@@ -15,7 +15,7 @@ import pytest
 from designrl import engine
 from designrl.bodies.walker import WALKER
 from designrl.engine import Task, act_function, instruction_set, rollout, stepper
-from designrl.envs import engine_task
+from designrl.envs.tasks import engine_task
 from designrl.errors import InputError
 from designrl.experiments import Network, get_experiment
 from designrl.policy import Agent, forward_function

@@ -112,28 +112,10 @@ def play(opened, agent: str, seed: int, design=None) -> tuple[float, int]:
 def test_a_changed_body_has_the_bits_of_the_reference(open_page, name):
     agent = designrl.load(page.ROOT / f"pretrained/{name}.safetensors")
     changed = CHANGED[agent.experiment.body.name]
-    scores, steps = in_another_body(agent, changed, COURSES[:2])
+    expected = designrl.evaluate(agent, 2, page.SEED, backend="reference", design=changed)
     opened = open_page()
     found = [play(opened, name, seed, changed.tolist()) for seed in COURSES[:2]]
-    assert found == list(zip(scores, steps, strict=True))
-
-
-def in_another_body(agent, scales: np.ndarray, seeds: list[int]) -> tuple[list, list]:
-    """Scores and lengths of an agent's policy in a body of these scales."""
-    import gymnasium
-
-    scores, lengths = [], []
-    for seed in seeds:
-        env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True, design=scales)
-        observation, _ = env.reset(seed=seed)
-        agent.reset(seed)
-        steps = list(agent.steps(env, observation))
-        total = 0.0
-        for step in steps:
-            total += step.reward
-        scores.append(total)
-        lengths.append(len(steps))
-    return scores, lengths
+    assert found == list(zip(expected.scores, expected.steps, strict=True))
 
 
 @pytest.mark.parametrize(

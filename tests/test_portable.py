@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from designrl import engine
-from designrl.envs import engine_task
+from designrl.envs.tasks import engine_task
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.names import PRETRAINED, load
 from designrl.policy import noise_stds

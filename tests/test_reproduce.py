@@ -1,6 +1,7 @@
 """Tables, figures and report: committed ones match their inputs, new ones follow theirs."""
 
 import csv
+import dataclasses
 import json
 import re
 import runpy
@@ -30,6 +31,7 @@ from reproduce import (
     build,
     drawing,
     figure5,
+    paths,
     publish,
     readme,
     report,
@@ -42,12 +44,8 @@ from reproduce import (
     tables,
     transfer,
 )
-from reproduce.scores import ROOT
-
-
-@pytest.fixture(autouse=True)
-def no_zoo(monkeypatch):
-    monkeypatch.delenv("ZOO", raising=False)
+from reproduce.paths import ROOT, paper, pretrained
+from reproduce.sources import Sources
 
 
 def random_agent(experiment: str, seed: int = 0) -> Agent:
@@ -71,7 +69,7 @@ def project(tmp_path, monkeypatch):
     (tmp_path / "README.md").write_text(f"# Results\n{marks}\nmore\n")
     for name in ("paper.toml", "author.csv"):
         shutil.copyfile(ROOT / "paper" / name, tmp_path / "paper" / name)
-    monkeypatch.setattr(scores, "ROOT", tmp_path)
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
     monkeypatch.setattr(scores, "evaluate", stub_scores)
     return tmp_path
 
@@ -101,9 +99,8 @@ def test_scores_of_the_engine_are_those_of_the_reference_or_none(project, monkey
     with pytest.raises(InputError, match="seed0.safetensors: episode 20 of evaluation seed 0"):
         scores.score(path, "biped")
     assert not list((project / ".cache").rglob("*.json"))
-    monkeypatch.setenv("BACKEND", "reference")
     monkeypatch.setattr(scores, "evaluate", evaluate)
-    assert scores.score(path, "biped").backend == "reference"
+    assert scores.score(path, "biped", "reference").backend == "reference"
 
 
 def test_what_the_reference_has_scored_is_kept_through_ctrl_c(project, monkeypatch):
@@ -137,8 +134,8 @@ def test_a_command_that_is_stopped_ends_with_a_sentence(
     def stopped(*_):
         raise error
 
-    for used in ("output_folder", "representative"):
-        monkeypatch.setattr(scores, used, stopped)
+    for used in ("folder", "representative"):
+        monkeypatch.setattr(Sources, used, property(stopped))
     monkeypatch.setattr(sys, "argv", [module])
     monkeypatch.delitem(sys.modules, f"reproduce.{module}", raising=False)
     with pytest.raises(SystemExit) as end:
@@ -171,7 +168,7 @@ def digits(mean, std) -> str:
 
 @pytest.mark.parametrize("name", table2.WALKERS)
 def test_walkers_score_what_the_committed_table_says(name):
-    path = scores.pretrained(name)[-1]
+    path = pretrained(name)[-1]
     row = OURS[file_hash(path)]
     found = evaluate(load(path), scores.EPISODES, scores.SEED, backend="engine").scores
     assert digits(found.mean(), found.std()) == digits(row["mean"], row["std"])
@@ -187,7 +184,7 @@ def test_the_authors_walker_scores_what_the_committed_table_says(author_agent):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_committed_cards_say_what_their_checkpoints_score(name):
-    for path in scores.pretrained(name):
+    for path in pretrained(name):
         card, row = path.with_suffix(".md").read_text(), OURS[file_hash(path)]
         assert f"sha256 {row['sha256']}" in card
         assert f"**Score** {float(row['mean']):.1f} ± {float(row['std']):.1f} over 100" in card
@@ -217,8 +214,8 @@ def test_whatever_an_item_needs_makes_it_again_when_it_changes(project, monkeypa
     assert build.make("table1")
     assert (project / "paper/tables/table1.csv").read_text() != before
     assert [build.make(name) for name in ("table1", "figure2", "table2")] == [None] * 3
-    monkeypatch.setenv("BACKEND", "reference")
-    assert build.make("table1") and build.make("table1") is None
+    reference = Sources(backend="reference")
+    assert build.make("table1", reference) and build.make("table1", reference) is None
 
 
 def test_stopped_build_leaves_whole_files_and_is_made_again(project, monkeypatch):
@@ -258,7 +255,7 @@ def test_a_layout_that_differs_in_its_last_bits_gives_the_same_files(project):
         axes = figure.add_axes((0.1 + shift, 0.1, 0.8, 0.8))
         axes.plot([0, 1])
         axes.add_patch(Circle((0.5, 0.5), 0.2))
-        return [path.read_bytes() for path in drawing.save("figure", figure)]
+        return [path.read_bytes() for path in drawing.save(project, "figure", figure)]
 
     assert files(0.0) == files(1e-15)
 
@@ -292,6 +289,12 @@ def test_table3_explains_its_mark_of_a_single_run_where_it_has_one(project):
     assert "*: one run" in table.read_text()
 
 
+def test_tables_have_the_papers_experiments_whatever_else_is_registered(project, monkeypatch):
+    mine = dataclasses.replace(EXPERIMENTS["biped"], name="my-biped")
+    monkeypatch.setitem(EXPERIMENTS, mine.name, mine)
+    assert all(build.make(name) for name in ("table3", "table4", "statistics"))
+
+
 def test_unusable_checkpoints_are_named_and_the_rest_goes_on(project):
     pretrain(project, "biped")
     broken = pretrain(project, "biped-morphology")
@@ -312,7 +315,7 @@ def test_unusable_checkpoints_are_named_and_the_rest_goes_on(project):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_papers_summary_follows_from_its_runs(name):
-    printed = scores.paper()
+    printed = paper()
     mean, std = printed["table3"][name]
     runs = printed["table4"][name]
     assert np.mean(runs) == pytest.approx(mean, abs=1)  # printed runs are rounded
@@ -321,10 +324,10 @@ def test_papers_summary_follows_from_its_runs(name):
 
 def test_tables_print_the_papers_bodies_from_the_authors_weights(author_agent):
     shown = table1.percentages(author_agent("ant-morphology").design).round()
-    printed = scores.paper()["table1"]
+    printed = paper()["table1"]
     assert shown.tolist() == [printed[part] for part in ("top", "middle", "bottom")]
     for name in table2.WALKERS:
-        printed = scores.paper()["table2"][name]
+        printed = paper()["table2"][name]
         area, sizes = table2.legs(author_agent(name).scales)
         assert round(area) == printed["leg_area"]
         assert sizes.round(1).tolist() == printed["dimensions"]
@@ -339,14 +342,13 @@ def test_cells_lead_to_where_their_numbers_come_from():
     assert "[" not in table.markdown() + table.latex()
 
 
-def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, author_agent):
+def test_zoo_adds_all_runs_that_are_there(project, author_agent):
     author_agent("biped")  # skips without the author's weights
     clone = project / "clones" / "estool" / "zoo"
     (clone / "more" / "biped").mkdir(parents=True)
     for name in ("biped.json", "more/biped/biped.7.json"):
         shutil.copyfile(author.file_of(author.zoo(), "biped"), clone / name)
-    monkeypatch.setenv("ZOO", str(project / "clones"))
-    assert build.make("table4")
+    assert build.make("table4", Sources(str(project / "clones")))
     lines = (project / "paper/with-zoo/tables/table4.md").read_text().splitlines()
     row = next(line for line in lines if line.startswith("| (c) Biped ") and "author" in line)
     cells = [cell.strip() for cell in row.split("|")[3:-1]]
@@ -356,8 +358,8 @@ def test_zoo_adds_all_runs_that_are_there(project, monkeypatch, author_agent):
 
 def test_wrong_zoo_says_what_was_looked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("ZOO", str(tmp_path))
-    with pytest.raises(SystemExit, match="looked in it.*robo_ant.json.*augmentbiped.json"):
-        scores.zoo()
+    with pytest.raises(InputError, match="looked in it.*robo_ant.json.*augmentbiped.json"):
+        Sources.asked()
 
 
 # ------------------------------------------------------------------------------------- statistics
@@ -559,7 +561,7 @@ def test_ppos_figure_shows_each_seed_their_mean_and_its_interval(project):
     for seed, last in enumerate((100, 200, 300)):
         text = f"# origin\nsteps,mean,sd,episodes\n0,-100,1,5\n1000000,{last},1,5\n"
         write_curve(project, "flat", "learned", seed, text)
-    flat, hardcore = transfer.figures()["transfer"].axes
+    flat, hardcore = transfer.figures(Sources())["transfer"].axes
     assert [line.get_ydata().tolist() for line in flat.lines[:4]] == [
         *([-100, last] for last in (100, 200, 300)),
         [-100, 200],
@@ -595,7 +597,7 @@ def test_curves_that_do_not_fit_are_named(project, text, message):
     write_curve(project, "flat", "original", 0, "steps,mean\n0,1\n5,2\n")
     write_curve(project, "flat", "original", 1, text)
     with pytest.raises(InputError, match=f"seed1.csv {message}"):
-        transfer.figures()
+        transfer.figures(Sources())
 
 
 @pytest.mark.skipif(missing_reason() is not None, reason=str(missing_reason()))
@@ -608,7 +610,7 @@ def test_ppo_writes_a_curve_that_the_figure_reads(project):
     steps, means = transfer.read_curves([out])
     assert steps.tolist() == [0, 256] and np.isfinite(means).all()
     assert file_hash(body) in out.read_text()
-    transfer.figures()
+    transfer.figures(Sources())
     missing = "import designrl.engine as e; e._load = lambda: 'the engine is not there'; "
     missing += "import runpy, sys; del sys.argv[0]; runpy.run_path(sys.argv[0], None, '__main__')"
     slow = project / "slow.csv"

@@ -1,3 +1,4 @@
+import copy
 import multiprocessing
 import os
 import pickle
@@ -12,12 +13,15 @@ import gymnasium
 import numpy as np
 import pytest
 
-from designrl.bodies.walker import leg_area_reward_factor
+from designrl.envs.tasks import leg_area_reward_factor
+from designrl.envs.walker import Walker
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.experiments import PUBLISHED_ANT_NETWORK, get_experiment
 from designrl.policy import Agent
+from designrl.recording import read, record_rollout
 from designrl.simulation import PIECES_PER_WORKER, CandidateError, Simulator, _pieces
+from designrl.viewer.layout import tab_titles
 from designrl.workers import ProcessWorkers, TaskError
 
 
@@ -77,6 +81,67 @@ def test_smaller_legs_multiply_the_rewards_of_training_only():
     design = get_experiment(name).design
     factor = leg_area_reward_factor(design.scales(parameters[:, -8:]))
     np.testing.assert_allclose(scaled.returns[:, 0], factor * forgiven.returns[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "dimension"),
+    [("biped-hardcore-morphology", "bottom leg 2 height"), ("ant", "back left bottom radius")],
+)
+def test_a_changed_body_scores_the_same_in_every_way(name, dimension, tmp_path):
+    agent = Agent(get_experiment(name), candidates(name, 1)[0])
+    body, change = agent.experiment.body, {dimension: 0.6}
+    scales = agent.scales.copy()
+    scales[body.design.names.index(dimension)] = 0.6
+    engine = evaluate(agent, episodes=4, seed=1, design=change)
+    assert engine.changed == change and engine.summary()["design"] == scales.tolist()
+    own = evaluate(agent, episodes=4, seed=1)
+    assert own.changed == {} and not np.array_equal(own.scores, engine.scores)
+    reference = evaluate(agent, episodes=4, seed=1, design=scales, backend="reference")
+    assert (engine.backend, reference.backend) == ("engine", "reference")
+    np.testing.assert_array_equal(engine.scores, reference.scores)
+    np.testing.assert_array_equal(engine.steps, reference.steps)
+
+    seed, path = int(episode_seeds(1, 1)[0]), tmp_path / "rollout.mcap"
+    env = gymnasium.make(agent.experiment.env_id, design=scales)
+    for design in (change, scales):
+        played = agent.play(env, seed, design)
+        assert sum(step.reward for step in played) == pytest.approx(engine.scores[0], rel=1e-12)
+    assert record_rollout(agent, path, seed, design=change) == engine.scores[0]
+    recording = read(path)
+    assert recording.about("changed") == change
+    assert (
+        recording.about("body")[dimension] == body.design.dimensions(scales)[scales != agent.scales]
+    )
+    assert f"{dimension} = 0.6" in tab_titles([recording])[0]
+    assert f"{dimension} = 0.6" in recording.first("/robot_description")
+    record_rollout(agent, tmp_path / "own.mcap", seed)
+    assert tab_titles([read(tmp_path / "own.mcap")]) == [name]
+
+
+def test_an_agent_passes_over_no_design_that_was_chosen():
+    agent = Agent(get_experiment("biped-morphology"), candidates("biped-morphology", 1)[0])
+    other = agent.body_with({"top leg 1 width": 0.5})
+    make = partial(gymnasium.make, agent.experiment.env_id)
+    changed = make()
+    changed.unwrapped.design = other
+    refusing = [make(design=other), Walker(design=other), changed]
+    refusing += [copy.deepcopy(env) for env in refusing]
+    for env in refusing:
+        with pytest.raises(InputError, match=r"give its design here, too .* without design"):
+            agent.start(env, 0)
+        agent.start(env, 0, other)
+        np.testing.assert_array_equal(env.unwrapped.design, other)
+        agent.start(env, 0, agent.scales)
+    env = make()
+    accepting = [env, make(design=agent.scales.tolist()), copy.deepcopy(env)]
+    for env in accepting:  # also after an episode of another agent
+        env.reset(options={"design": other})
+        agent.start(env, 0)
+        np.testing.assert_array_equal(env.unwrapped.design, agent.scales)
+    for wrong in ([1.0] * 7, {"top leg 1 widht": 1.0}, {"top leg 1 width": 2.0}):
+        for use in (partial(agent.start, env, 0), partial(evaluate, agent, 1)):
+            with pytest.raises(InputError, match="8 scales|did you mean 'top leg 1 width'|is 2.0"):
+                use(design=wrong)
 
 
 def test_fewer_episodes_are_the_first_of_more():
@@ -179,7 +244,7 @@ def test_a_candidate_that_cannot_be_simulated_is_named(monkeypatch):
         assert (error.index, error.seeds) == (1, [8])
 
 
-def fail_for_seed_eight(env, agent, seed, shaping):
+def fail_for_seed_eight(env, agent, seed, shaping, design):
     if seed == 8:
         raise RuntimeError("the simulator is broken")
     return 0.0, 1
@@ -204,7 +269,7 @@ def test_wrong_input_is_refused():
         ("backend", {"backend": "gpu"}),
         ("lidar is 'v9'", {"lidar": "v9"}),
         ("biped has no speed; leave it out", {"speed": 3}),
-        ("leave design out", {"design": np.ones(8)}),
+        (r"give design to rollout\(\)", {"design": np.ones(8)}),
         *(("workers is .* whole number", {"workers": n}) for n in (0, 1.5, "2", None)),
         ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),
     ):

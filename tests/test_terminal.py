@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from designrl.checkpoint import load
+from designrl.names import load
 from designrl.recording import read
 
 DESIGNRL = shlex.join([sys.executable, "-m", "designrl"])

@@ -11,8 +11,8 @@ import pytest
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash
 from designrl.settings import TrainSettings
-from reproduce import scores, train_all
-from reproduce.scores import ROOT
+from reproduce import paths, train_all
+from reproduce.paths import ROOT
 
 SETTINGS = {"population": 4, "rollouts": 1, "evaluate_every": 2, "evaluation_episodes": 4}
 
@@ -22,7 +22,7 @@ def project(tmp_path, monkeypatch):
     """An empty project folder."""
     (tmp_path / "paper").mkdir()
     shutil.copyfile(ROOT / "paper" / "paper.toml", tmp_path / "paper" / "paper.toml")
-    monkeypatch.setattr(scores, "ROOT", tmp_path)
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
     return tmp_path
 
 

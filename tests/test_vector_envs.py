@@ -19,9 +19,9 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
 import designrl  # noqa: F401
-from designrl import engine, envs
+from designrl import engine
 from designrl.engine import stepper
-from designrl.envs import ant
+from designrl.envs import ant, tasks
 from designrl.envs.sb3 import EngineVecEnv
 from designrl.errors import InputError
 from designrl.verify.vector import (
@@ -360,7 +360,7 @@ def test_without_the_engine_the_error_names_the_other_way(monkeypatch):
 
 
 def test_an_ant_of_other_bits_is_not_simulated(monkeypatch):
-    monkeypatch.setattr(envs, "_trials", {})
+    monkeypatch.setattr(tasks, "trial", tasks.trial.__wrapped__)
     monkeypatch.setattr(ant, "GRAVITY", np.nextafter(9.8, 9))
     with pytest.raises(InputError, match='not the reference.s to the bit .*"sync"'):
         make(ANT_ID)

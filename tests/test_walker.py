@@ -6,7 +6,8 @@ from test_envs import trajectory
 
 import designrl  # noqa: F401
 from designrl import bodies
-from designrl.bodies.walker import WALKER, leg_area_reward_factor
+from designrl.bodies.walker import WALKER
+from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
 
 IDS = ("designrl/BipedalWalker-v0", "designrl/BipedalWalkerHardcore-v0")

@@ -18,7 +18,6 @@ from designrl.bodies import (
     urdf,
 )
 from designrl.design import DesignSpace
-from designrl.errors import InputError
 
 SCALE = 30.0  # Box2D units of the dimensions per m
 HULL = ((-30, 9), (6, 9), (34, 1), (34, -8), (-30, -8))  # corners, in 1/30 m (Gymnasium's)
@@ -210,21 +209,3 @@ def leg_area(scales: np.ndarray) -> np.ndarray:
     """Total area of a walker's four leg parts, in (1/30 m)², for scales of shape (..., 8)."""
     size = WALKER.design.dimensions(scales)
     return (size[..., 0::2] * size[..., 1::2]).sum(axis=-1)
-
-
-def leg_area_reward_factor(scales: np.ndarray) -> np.ndarray:
-    """1 + ln(original leg area / leg area): the reward's factor for smaller legs (section 4.2)."""
-    ratio = leg_area(np.ones(WALKER.design.size)) / leg_area(scales)
-    # NumPy's own logarithm can have another last bit with AVX-512 than without.
-    return 1.0 + np.vectorize(math.log, otypes=[np.float64])(ratio)
-
-
-def is_closest_lidar(version: str) -> bool:
-    """Whether a ray ends at the closest hit ("v3") or at the first that is reported ("v2").
-
-    Raises:
-        InputError: neither of the two.
-    """
-    if version not in ("v2", "v3"):
-        raise InputError(f'lidar is {version!r}; it must be "v2" (the paper\'s) or "v3"')
-    return version == "v3"

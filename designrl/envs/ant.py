@@ -26,10 +26,9 @@ from designrl.bodies.ant import (
     leg_capsules,
     mjcf,
 )
-from designrl.engine import Task
-from designrl.envs import engine_reason
+from designrl.envs import tasks
 from designrl.envs.inputs import HasDesign
-from designrl.envs.vector import EngineVectorEnv, no_engine
+from designrl.envs.vector import EngineVectorEnv
 from designrl.errors import InputError
 
 
@@ -215,7 +214,8 @@ class Ant(HasDesign, gymnasium.Env):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode
-        self.design = np.ones(ANT.design.size) if design is None else design
+        self._take_design(np.ones(ANT.design.size) if design is None else design)
+        self.given_design = None if design is None else self.design
         self.observation_space, self.action_space = ant_spaces()
         self._loaded: np.ndarray | None = None  # the design that the Bullet world holds
 
@@ -475,8 +475,5 @@ class VectorAnt(EngineVectorEnv, VectorEnv):
         InputError: the engine has not the bits of the PyBullet that is installed.
     """
 
-    def __init__(self, num_envs: int = 1, max_episode_steps: int = -1, **kwargs):
-        if reason := engine_reason("designrl/Ant-v0"):
-            raise no_engine(reason)
-        task = Task("ant", (), max_episode_steps)
-        super().__init__(task, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)
+    def __init__(self, num_envs: int = 1, **kwargs):
+        super().__init__(tasks.ANT, {}, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)

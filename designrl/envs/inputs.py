@@ -60,6 +60,8 @@ class HasDesign(EzPickle):
     """
 
     body: Body
+    # (D,) that it was made with, or that `design` was set to: a choice, as an agent's reset is not.
+    given_design: np.ndarray | None = None
     # Of the episode: the generator at its start, scales, actions' bytes, observation's bytes. None
     # before the first reset, and where one, or a step, did not come to its end.
     _episode: tuple | None = None
@@ -125,7 +127,7 @@ class HasDesign(EzPickle):
         (start, now), (scales, design) = copy.deepcopy(state.random), state.designs
         shown, self.render_mode = self.render_mode, None
         try:
-            self.design = scales
+            self._take_design(scales)
             self._np_random, self._np_random_seed = start, state.seed
             self._begin()
             for action in np.frombuffer(state.actions).reshape(-1, *self.action_space.shape):
@@ -142,7 +144,8 @@ class HasDesign(EzPickle):
                 "the saved episode goes another way here: it was saved with other versions of "
                 "designrl or its libraries"
             )
-        self.design, self._np_random = design, now
+        self._take_design(design)
+        self._np_random = now
 
     def _begin(self) -> np.ndarray:
         start, scales = copy.deepcopy(self.np_random), self.design
@@ -161,10 +164,11 @@ class HasDesign(EzPickle):
 
     def __getstate__(self) -> dict:
         episode = None if self._episode is None else self.get_state()
-        return {**super().__getstate__(), "episode": episode}
+        return {**super().__getstate__(), "episode": episode, "given": self.given_design}
 
     def __setstate__(self, state: dict) -> None:
         super().__setstate__(state)
+        self.given_design = state["given"]
         if state["episode"] is not None:
             self.set_state(state["episode"])
 
@@ -179,6 +183,10 @@ class HasDesign(EzPickle):
 
     @design.setter
     def design(self, scales) -> None:
+        self._take_design(scales)
+        self.given_design = self._design
+
+    def _take_design(self, scales) -> None:
         self._design = self.body.design.validate(scales)
         self._design.setflags(write=False)
         self._ezpickle_args = self._design, *self._ezpickle_args[1:]  # what a copy is made with
@@ -191,7 +199,7 @@ class HasDesign(EzPickle):
         """
         design = checked_options(options, "design").get("design")
         if design is not None:
-            self.design = design
+            self._take_design(design)
 
 
 def checked_action(action, size: int) -> np.ndarray:

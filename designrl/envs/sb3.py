@@ -16,8 +16,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from designrl.envs import engine_reason
 from designrl.envs.inputs import checked_options
+from designrl.envs.tasks import engine_reason
 from designrl.errors import InputError
 from designrl.numeric import whole_number
 

@@ -9,9 +9,8 @@ give the bits of.
 import copy
 import operator
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import NamedTuple
 
 import gymnasium
@@ -21,9 +20,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from designrl.bodies import Body
-from designrl.engine import Task, missing_reason
 from designrl.engine.stepper import DISABLED, NEXT_STEP, SAME_STEP, State, Stepper
 from designrl.envs.inputs import checked_options
+from designrl.envs.tasks import World
 from designrl.errors import InputError
 from designrl.numeric import real_numbers, whole_number
 
@@ -35,14 +34,6 @@ _MODES = {
     AutoresetMode.NEXT_STEP: NEXT_STEP,
     AutoresetMode.SAME_STEP: SAME_STEP,
 }
-
-
-def no_engine(reason: str) -> InputError:
-    """To be raised where the engine cannot run."""
-    return InputError(
-        f'{reason}; vectorization_mode="sync" runs single ones, of one design, without threads= '
-        "and with autoreset_mode in vector_kwargs"
-    )
 
 
 class EnvironmentState(NamedTuple):
@@ -100,28 +91,32 @@ class EngineVectorEnv(VectorEnv):
 
     def __init__(
         self,
-        task: Task,
+        world: World,
+        choice: dict,
         num_envs: int,
         body: Body,
         spaces: tuple[gymnasium.Space, gymnasium.Space],
         reward_terms: tuple[str, ...],
-        reward_factor: Callable[[np.ndarray], np.ndarray] | None = None,
+        max_episode_steps: int = -1,
         design=None,
         threads: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: None = None,
         flat_info: bool = False,
     ):
-        if reason := missing_reason():
-            raise no_engine(reason)
+        if reason := world.engine_reason():
+            raise InputError(
+                f'{reason}; vectorization_mode="sync" runs single ones, of one design, without '
+                "threads= and with autoreset_mode in vector_kwargs"
+            )
         if render_mode is not None:
             raise InputError('the engine does not render; vectorization_mode="sync" does')
         num_envs = whole_number("num_envs", num_envs, 1, MOST_ENVS)
         threads = None if threads is None else whole_number("threads", threads, 1)
-        limit = task.max_steps
-        if isinstance(limit, int) and limit == -1:
-            limit = NO_LIMIT
-        limit = whole_number("max_episode_steps", limit, 1, NO_LIMIT)
+        if isinstance(max_episode_steps, int) and max_episode_steps == -1:
+            max_episode_steps = NO_LIMIT
+        limit = whole_number("max_episode_steps", max_episode_steps, 1, NO_LIMIT)
+        task, reward_factor = world.engine_task(limit, **choice)
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -133,7 +128,6 @@ class EngineVectorEnv(VectorEnv):
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = spaces
         self._design_space, self.reward_terms = body.design, reward_terms
-        task = replace(task, max_steps=limit)
         try:
             self.observation_space, self.action_space = (batch_space(s, num_envs) for s in spaces)
             original = np.ones(body.design.size)

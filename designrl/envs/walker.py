@@ -17,9 +17,9 @@ from gymnasium.envs.box2d.bipedal_walker import (
 from gymnasium.utils import EzPickle
 from gymnasium.vector import VectorEnv
 
-from designrl.bodies.walker import WALKER, is_closest_lidar, leg_area_reward_factor
-from designrl.envs import walker_task
+from designrl.bodies.walker import WALKER
 from designrl.envs.inputs import HasDesign
+from designrl.envs.tasks import FLAT, is_closest_lidar, leg_area_reward_factor
 from designrl.envs.vector import EngineVectorEnv
 
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
@@ -192,7 +192,8 @@ class Walker(HasDesign, BipedalWalker):
         super().__init__(render_mode=render_mode, hardcore=hardcore)
         EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
         self.leg_area_reward = leg_area_reward
-        self.design = np.ones(WALKER.design.size) if design is None else design
+        self._take_design(np.ones(WALKER.design.size) if design is None else design)
+        self.given_design = None if design is None else self.design
 
         self.observation_space, self.action_space = walker_spaces()
 
@@ -232,11 +233,10 @@ class VectorWalker(EngineVectorEnv, VectorEnv):
     def __init__(
         self,
         num_envs: int = 1,
-        max_episode_steps: int = -1,
         lidar: str = "v2",
         leg_area_reward: bool = False,
         hardcore: bool = False,
         **kwargs,
     ):
-        task, factor = walker_task(hardcore, max_episode_steps, lidar, leg_area_reward)
-        super().__init__(task, num_envs, WALKER, walker_spaces(), REWARD_TERMS, factor, **kwargs)
+        choice = {"hardcore": hardcore, "lidar": lidar, "leg_area_reward": leg_area_reward}
+        super().__init__(FLAT, choice, num_envs, WALKER, walker_spaces(), REWARD_TERMS, **kwargs)

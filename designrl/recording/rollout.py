@@ -8,6 +8,7 @@ import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from designrl.bodies import relative
+from designrl.design import in_words
 from designrl.numeric import whole_number
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, McapFile
@@ -131,14 +132,18 @@ class RolloutWriter:
 def _caption(metadata: dict) -> str:
     """What stands above the URDF; viewers show it as text beside the picture."""
     lines = [f"{key}: {metadata[key]}" for key in ("experiment", "seed") if key in metadata]
+    if metadata.get("changed"):
+        lines.append(f"not the agent's own body: {in_words(metadata['changed'])}")
     if "body" in metadata:
         lines.append(f"body, in {metadata['unit']}:")
         lines += [f"  {name}: {size:.4g}" for name, size in metadata["body"].items()]
     return "\n".join(["designrl rollout", *lines])
 
 
-def record_rollout(agent, path: str | Path, seed: int, steps: int | None = None) -> float:
-    """Roll an agent out once, in its own body, and record that.
+def record_rollout(
+    agent, path: str | Path, seed: int, steps: int | None = None, design=None
+) -> float:
+    """Roll an agent out once and record that.
 
     Args:
         agent: a `designrl.policy.Agent`.
@@ -146,24 +151,27 @@ def record_rollout(agent, path: str | Path, seed: int, steps: int | None = None)
         seed: of the environment and of the policy's noise; `designrl.evaluation.episode_seeds`
             has those of an evaluation.
         steps: how many to record at most; None: the whole episode.
+        design: the body to walk with, as `Agent.body_with` takes it; None: its own.
 
     Returns: the score of what is recorded, without any training-time change of the reward.
 
     Raises:
-        InputError: the seed is no whole number from 0 on.
+        InputError: the seed is no whole number from 0 on, or no design of the body.
         RecordingError: the file cannot be written.
     """
     seed = whole_number("the seed", seed, 0)
+    space, scales = agent.experiment.body.design, agent.body_with(design)
     env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
-    design = agent.experiment.body.design
     about = {
         "experiment": agent.experiment.name,
         "seed": seed,
-        "unit": design.unit,
-        "body": dict(zip(design.names, design.dimensions(agent.scales).tolist(), strict=True)),
+        "unit": space.unit,
+        "body": dict(zip(space.names, space.dimensions(scales).tolist(), strict=True)),
         "agent": agent.metadata,
     }
-    observation = agent.start(env, seed)
+    if changes := space.changes(agent.scales, scales):
+        about["changed"] = changes
+    observation = agent.start(env, seed, scales)
     with RolloutWriter(path, env, about) as writer:
         for step in agent.steps(env, observation):
             writer.step(step.observation, step.action, step.reward, step.info)

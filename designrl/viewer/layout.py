@@ -6,6 +6,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from designrl.bodies import SKY_COLOR, Body
+from designrl.design import in_words
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.recording import Recording
@@ -82,24 +83,25 @@ def blueprint(
 
 
 def tab_titles(recordings: list[Recording]) -> list[str]:
-    """Experiment, seed and generation of each; of one run's, only the first names the run."""
+    """What a recording is of, for each; of one run's, only the first names the run."""
     titles, before = [], None
     for recording in recordings:
-        run, generation = origin(recording)
-        named = run != before or not generation
-        titles.append(", ".join(filter(None, (run if named else "", generation))))
+        run, *rest = origin(recording)
+        named = run != before or not any(rest)
+        titles.append(", ".join(filter(None, (run if named else "", *rest))))
         before = run
     return titles
 
 
-def origin(recording: Recording) -> tuple[str, str]:
-    """Experiment and seed of the run, and the generation, where the recording knows them."""
+def origin(recording: Recording) -> tuple[str, str, str]:
+    """Experiment and seed of the run; the generation; the body, where it is not the agent's own."""
     about = recording.metadata
     agent = about if recording.kind == "run" else recording.about("agent")
     seed, generation = (agent.get(key) for key in ("seed", "generation"))
     run = str(about.get("experiment")) + (f" seed {seed}" if seed is not None else "")
     is_rollout = recording.kind == "rollout" and generation is not None
-    return run, f"generation {generation}" if is_rollout else ""
+    changed = {k: v for k, v in recording.about("changed").items() if isinstance(v, float)}
+    return run, f"generation {generation}" if is_rollout else "", in_words(changed)
 
 
 def last_generation(recording: Recording) -> int:

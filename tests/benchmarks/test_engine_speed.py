@@ -20,7 +20,7 @@ import pytest
 from test_environment_speed import AntEpisode, RandomActions
 
 from designrl import engine
-from designrl.envs import engine_task
+from designrl.envs.tasks import engine_task
 from designrl.experiments import get_experiment
 from designrl.names import PRETRAINED, load
 from designrl.policy import Agent

@@ -1,0 +1,156 @@
+"""The environments of this package: one record of each, for Gymnasium and the compiled engine."""
+
+import inspect
+import math
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import cache
+
+import gymnasium
+import numpy as np
+
+from designrl import engine
+from designrl.bodies.walker import WALKER, leg_area
+from designrl.engine import Task
+from designrl.engine.stepper import DISABLED, Stepper
+from designrl.errors import InputError
+
+TRIAL_STEPS = 100
+# From scales (N, D) to factors (N,) of all rewards but a fall's.
+RewardFactor = Callable[[np.ndarray], np.ndarray]
+
+
+def leg_area_reward_factor(scales: np.ndarray) -> np.ndarray:
+    """1 + ln(original leg area / leg area): the reward's factor for smaller legs (section 4.2)."""
+    ratio = leg_area(np.ones(WALKER.design.size)) / leg_area(scales)
+    # NumPy's own logarithm can have another last bit with AVX-512 than without.
+    return 1.0 + np.vectorize(math.log, otypes=[np.float64])(ratio)
+
+
+def is_closest_lidar(version: str) -> bool:
+    """Whether a ray ends at the closest hit ("v3") or at the first that is reported ("v2").
+
+    Raises:
+        InputError: neither of the two.
+    """
+    if version not in ("v2", "v3"):
+        raise InputError(f'lidar is {version!r}; it must be "v2" (the paper\'s) or "v3"')
+    return version == "v3"
+
+
+Choice = tuple[tuple[str, ...], RewardFactor | None]  # flags of the engine's task, and a factor
+EngineTask = tuple[Task, RewardFactor | None]
+
+
+def _walker(hardcore: bool, lidar: str = "v2", leg_area_reward: bool = False) -> Choice:
+    flags = {"hardcore": hardcore, "closest_hits": is_closest_lidar(lidar)}
+    factor = leg_area_reward_factor if leg_area_reward else None
+    return tuple(name for name, on in flags.items() if on), factor
+
+
+def _ant() -> Choice:
+    return (), None
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """An environment of this package.
+
+    Attributes:
+        env_id: its name in Gymnasium.
+        entry_point, vector_entry_point: its class and that of many on the engine, "module:Class".
+        task: name of the engine's task.
+        max_steps: time limit, that of 2018.
+        choose: what keywords of its class choose in the engine; with others the engine cannot run.
+        kwargs: keywords that hold where nothing else is said.
+        on_trial: its bits in the engine hang on what is installed: the ant's on the version of
+            Bullet and on the C library's sine. Before the engine is used, it has to show that they
+            are the reference's; where it has the portable lanes alone, they are x86-64's, whatever
+            is installed.
+    """
+
+    env_id: str
+    entry_point: str
+    vector_entry_point: str
+    task: str
+    max_steps: int
+    choose: Callable[..., Choice]
+    kwargs: dict = field(default_factory=dict)
+    on_trial: bool = False
+
+    def register(self) -> None:
+        """Make it known to Gymnasium."""
+        gymnasium.register(
+            self.env_id,
+            entry_point=self.entry_point,
+            vector_entry_point=self.vector_entry_point,
+            kwargs=self.kwargs,
+            max_episode_steps=self.max_steps,
+        )
+
+    def engine_task(self, max_episode_steps: int | None = None, **kwargs) -> EngineTask | None:
+        """What the compiled engine runs for it with these keywords.
+
+        Returns: the engine's `Task` and the reward's factor, if any; None where the engine has no
+            such task.
+
+        Raises:
+            InputError: a keyword's value that the environment would refuse.
+        """
+        kwargs = self.kwargs | kwargs
+        if not kwargs.keys() <= inspect.signature(self.choose).parameters.keys():
+            return None
+        flags, factor = self.choose(**kwargs)
+        limit = self.max_steps if max_episode_steps is None else max_episode_steps
+        return Task(self.task, flags, limit), factor
+
+    def engine_reason(self) -> str | None:
+        """Why the engine cannot run it here, as a clause, or None."""
+        reason = engine.missing_reason()
+        if reason or not self.on_trial or engine.instruction_sets() == ["portable"]:
+            return reason
+        return trial(self)
+
+
+@cache
+def trial(world: World) -> str | None:
+    """Why the engine's environment is not the reference's here, as a clause; None where it is."""
+    # Contacts carry a difference in the last bit of anything into the rewards within a few steps.
+    task, _ = world.engine_task()
+    rng = np.random.default_rng(0)
+    with (
+        closing(gymnasium.make(world.env_id, disable_env_checker=True)) as env,
+        Stepper(task, 1, DISABLED) as stepper,
+    ):
+        design = rng.uniform(0.75, 1.25, (1, stepper.dimensions))
+        seen, reward = env.reset(seed=0, options={"design": design[0]})[0], 0.0
+        seen_there, rewards = stepper.reset(design, [0]), np.zeros(1)
+        for _ in range(TRIAL_STEPS):
+            if not np.array_equal(seen_there[0], seen) or rewards[0] != reward:
+                return (
+                    f"the compiled engine's {world.env_id} is not the reference's to the bit with "
+                    "what is installed here (it was written for PyBullet 3.2.7 on glibc)"
+                )
+            actions = rng.uniform(-1.0, 1.0, (1, stepper.actions))
+            seen, reward, *_ = env.step(actions[0])
+            seen_there, rewards, *_ = stepper.step(actions)
+    return None
+
+
+_WALKERS = "designrl.envs.walker:Walker", "designrl.envs.walker:VectorWalker", "walker"
+FLAT = World("designrl/BipedalWalker-v0", *_WALKERS, 1600, _walker, {"hardcore": False})
+HARDCORE = World("designrl/BipedalWalkerHardcore-v0", *_WALKERS, 2000, _walker, {"hardcore": True})
+_ANTS = "designrl.envs.ant:Ant", "designrl.envs.ant:VectorAnt", "ant"
+ANT = World("designrl/Ant-v0", *_ANTS, 1000, _ant, on_trial=True)
+WORLDS = {world.env_id: world for world in (FLAT, HARDCORE, ANT)}
+
+
+def engine_task(env_id: str, **kwargs) -> EngineTask | None:
+    """`World.engine_task` of an environment; None for one of another package."""
+    return WORLDS[env_id].engine_task(**kwargs) if env_id in WORLDS else None
+
+
+def engine_reason(env_id: str) -> str | None:
+    """`World.engine_reason` of an environment; of another package's, whether there is an engine."""
+    return WORLDS[env_id].engine_reason() if env_id in WORLDS else engine.missing_reason()
