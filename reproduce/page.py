@@ -260,16 +260,16 @@ def figures() -> str:
 
 def films() -> list[str]:
     """Names of the films."""
-    names = sorted(path.stem for path in (ROOT / "paper/gallery").glob("*.webp"))
-    order = list(EIGHT)
-    return sorted(names, key=lambda name: order.index(name) if name in order else len(order))
+    names = [*EIGHT, *(f"fall-{name}" for name in EIGHT)]
+    return [name for name in names if (ROOT / f"paper/gallery/{name}.webp").is_file()]
 
 
 def film_figures() -> str:
     """The films with their names."""
 
     def title(name: str) -> str:
-        return EIGHT[name].title if name in EIGHT else name.replace("-", " ")
+        fall = name.removeprefix("fall-")
+        return EIGHT[name].title if name in EIGHT else f"{EIGHT[fall].title}: a fall"
 
     return "".join(
         f'<figure><img loading="lazy" src="../../paper/gallery/{name}.webp" alt="{title(name)}">'

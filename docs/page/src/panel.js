@@ -48,7 +48,7 @@ export class Panel {
   /** expected: evaluate's score on this course, or why there is none to compare with. */
   draw(player, expected, colors) {
     const { stepsPerSecond, scores } = this.task, seconds = player.steps / stepsPerSecond;
-    this.at("score").textContent = player.score.toFixed(1);
+    this.at("score").textContent = player.score.toFixed(1).replace("-", "−");
     this.at("time").textContent = `${seconds.toFixed(1)} s`;
     this.at("tally").textContent =
       `${this.falls} ${this.falls === 1 ? "fall" : "falls"} in ${this.courses} ` +
