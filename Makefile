@@ -1,17 +1,20 @@
-# Each target does whatever set-up it needs; a second call sets nothing up again.
+# Each target does whatever set-up it needs; a second call sets nothing up again. What trains, and
+# the tests, add PyTorch to it (make setup-train).
 #   make reproduce                   all tables, figures and the report, as far as out of date
 #   make reproduce-table3            one of them: table1 to table4, figure1 to figure7, ...
 #   make reproduce-table3 ZOO=path   with the author's 2018 weights too, in paper/with-zoo/
 #   make reproduce-table3 BACKEND=reference   scored on Gymnasium and PyBullet instead of the engines
 #   make page                        docs/page/index.html: the walker in the browser, and all results
 #   make gallery                     looping pictures of each experiment's best agent
-#   make transfer                    PPO on original and learned bodies (examples/ppo.py), the curves
-#                                    that make reproduce-transfer draws; those there are kept. Hours:
-#                                    make -j2 transfer for two at a time
+#   make transfer                    PPO on original and learned bodies (reproduce/train_ppo.py): the
+#                                    curves that make reproduce-transfer draws; those there are kept.
+#                                    Hours: make -j2 transfer for two at a time
 #   make train-all                   train and publish every run of Table 3 that is missing
 #   make verify-runs                 train the first generations of the published runs again
-#   make test                        the test suite
-#   make verify-engine               3,000 episodes in the engine and in Box2D or PyBullet, and a
+#   make test                        the test suite; make test-floors: on the oldest libraries that
+#                                    pyproject.toml allows; make test-wheel: a wheel in an environment
+#                                    without compiler (WHEEL_PYTHON=python3.13: of another Python)
+#   make verify-engine               4,000 episodes in the engine and in Box2D or PyBullet, and 1.3
 #                                    million steps of vector environments; make sanitize-engine:
 #                                    its tests, 300 episodes and 5,000 steps in a build that
 #                                    watches memory and undefined behaviour
@@ -26,6 +29,7 @@ PYTHON ?= $(or $(wildcard $(BIN)/python),$(shell for p in python3.11 python3.12 
   $$p -c '$(SUPPORTED)' 2>/dev/null && { echo $$p; break; }; done),python3)
 CXX ?= g++
 READY := $(VENV)/.ready
+TRAINING := $(VENV)/.ready-train
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # Where CFLAGS allow fused products (-march=native), Box2D and PyBullet would have other bits; and
 # where CFLAGS are set, setuptools leaves out Python's own, -O3 among them.
@@ -36,10 +40,12 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup same-python test bench lint proto reproduce FORCE page gallery train-all zoo verify-runs \
-  verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
+.PHONY: setup setup-train same-python test test-floors test-wheel bench lint proto reproduce FORCE page \
+  gallery train-all zoo verify-runs verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
+
+setup-train: $(TRAINING)
 
 same-python:
 	@test ! -x $(BIN)/python || test "$$($(PYTHON) -V 2>&1)" = "$$($(BIN)/python -V 2>&1)" || { \
@@ -67,10 +73,25 @@ $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES) | same-python
 	@$(BIN)/python -c 'from designrl.engine import missing_reason as r; r() and print("designrl:", r(), "- training will use the slower reference environments")'
 	@touch $@
 
-test: $(READY)
+$(TRAINING): requirements-train.lock $(READY)
+	@echo "designrl: installing PyTorch, for training and the tests"
+	@$(PIP) install --quiet -r requirements-train.lock
+	@touch $@
+
+test: $(TRAINING)
 	$(BIN)/python -m pytest
 
-bench: $(READY)
+FLOORS := build/floors
+test-floors: $(READY)
+	@test -x $(FLOORS)/bin/python || $(BIN)/python -m venv $(FLOORS)
+	@$(FLOORS)/bin/python -m pip --disable-pip-version-check install --quiet -r requirements-floors.lock
+	@echo "$(CURDIR)" > "$$($(FLOORS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/designrl.pth"
+	$(FLOORS)/bin/python -m pytest $(TESTS)
+
+test-wheel: $(READY)
+	@$(BIN)/python tests/wheel.py $(WHEEL_PYTHON)
+
+bench: $(TRAINING)
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
 
 lint: $(READY)
@@ -80,7 +101,7 @@ lint: $(READY)
 	else echo "the types of docs/page/src are not checked: there is no npx"; fi
 
 proto: $(READY)
-	@$(PIP) install --quiet -c requirements-extras.lock grpcio-tools
+	@$(PIP) install --quiet --no-deps -c requirements-extras.lock grpcio-tools
 	$(BIN)/python -m grpc_tools.protoc -I. --python_out=. designrl/recording/schema.proto
 
 reproduce: $(READY)
@@ -95,16 +116,16 @@ TRANSFER := paper/transfer
 FLAT = --steps 4000000
 HARDCORE = --steps 15000000 --hardcore
 LEARNED = --design $(TRANSFER)/$(1)/body.safetensors
-CURVE = $(BIN)/python examples/ppo.py --seed $* --out $@
+CURVE = $(BIN)/python -m reproduce.train_ppo --seed $* --out $@
 transfer: $(foreach seed,0 1 2 3 4,$(foreach body,original learned, \
   $(foreach task,flat hardcore,$(TRANSFER)/$(task)/$(body)/seed$(seed).csv)))
-$(TRANSFER)/flat/original/seed%.csv: | $(READY)
+$(TRANSFER)/flat/original/seed%.csv: | $(TRAINING)
 	$(CURVE) $(FLAT)
-$(TRANSFER)/flat/learned/seed%.csv: | $(READY)
+$(TRANSFER)/flat/learned/seed%.csv: | $(TRAINING)
 	$(CURVE) $(FLAT) $(call LEARNED,flat)
-$(TRANSFER)/hardcore/original/seed%.csv: | $(READY)
+$(TRANSFER)/hardcore/original/seed%.csv: | $(TRAINING)
 	$(CURVE) $(HARDCORE)
-$(TRANSFER)/hardcore/learned/seed%.csv: | $(READY)
+$(TRANSFER)/hardcore/learned/seed%.csv: | $(TRAINING)
 	$(CURVE) $(HARDCORE) $(call LEARNED,hardcore)
 
 page: $(READY)
@@ -115,10 +136,10 @@ gallery: $(READY)
 	@$(BIN)/python -m reproduce.gallery
 
 # The published runs, one on each core; ONLY="biped ant" for those of some experiments.
-train-all zoo: $(READY)  # zoo: its old name
+train-all zoo: $(TRAINING)  # zoo: its old name
 	@$(BIN)/python -m reproduce.train_all $(if $(ONLY),--only $(ONLY))
 
-verify-runs verify-zoo: $(READY)
+verify-runs verify-zoo: $(TRAINING)
 	@$(BIN)/python -m reproduce.train_all --verify $(if $(ONLY),--only $(ONLY))
 
 verify-engine: $(READY)
@@ -131,16 +152,16 @@ SANITIZED_EPISODES := 300
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined
 WATCHED := ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so)" \
   PYTHONPATH=. $(CURDIR)/$(BIN)/python -m
-sanitize-engine: $(READY)
+sanitize-engine: $(TRAINING)
 	@CXXFLAGS="$(SANITIZE)" $(BIN)/python setup.py -q build --build-base build/sanitized --build-lib $(SANITIZED)
 	@nm -D $(SANITIZED)/designrl/engine/_native*.so | grep -q __asan_init
 	@cd $(SANITIZED) && $(WATCHED) pytest -q -c /dev/null -p no:cacheprovider $(CURDIR)/tests/test_engine.py $(CURDIR)/tests/test_ant_engine.py $(CURDIR)/tests/test_vector_envs.py
 	@cd $(SANITIZED) && $(WATCHED) designrl.verify --episodes $(SANITIZED_EPISODES) --steps 500
 
-verify-resume: $(READY)
+verify-resume: $(TRAINING)
 	@$(BIN)/python tests/verify_resume.py
 
-fuzz: $(READY)
+fuzz: $(TRAINING)
 	@$(BIN)/python tests/fuzz.py
 
 clean:

@@ -1,4 +1,4 @@
-"""Builds the compiled engine; everything else is in pyproject.toml.
+"""Builds the compiled engine and packs the published agents; all else is in pyproject.toml.
 
 The engine is optional: without a C++ compiler the installation goes on, and training uses the
 reference environments.
@@ -6,11 +6,12 @@ reference environments.
 
 import os
 import platform
+import runpy
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from setuptools import Extension, setup
+from setuptools import Extension, find_namespace_packages, setup
 from setuptools.command.build_ext import build_ext
 
 SOURCES = Path("designrl/engine/native")
@@ -32,6 +33,8 @@ FLAGS = [
     *(["-march=x86-64", "-DENGINE_ALL_KINDS"] if ALL_KINDS else ["-DENGINE_PORTABLE"]),
     "-fno-fast-math",
     "-ffp-contract=off",
+    # An engine whose sources have changed since is not used.
+    f'-DENGINE_SOURCES="{runpy.run_path("designrl/provenance.py")["engine_hash"]()}"',
     # These give up errno and floating-point traps only, and let comparisons become selects.
     "-fno-math-errno",
     "-fno-trapping-math",
@@ -72,6 +75,9 @@ class BuildEngine(build_ext):
 
 
 setup(
+    # The agents go where `designrl.names` looks for them; in a clone they stay where they are.
+    packages=[*find_namespace_packages(include=["designrl*"]), "designrl.pretrained"],
+    package_dir={"designrl.pretrained": "pretrained"},
     ext_modules=[
         Extension(
             "designrl.engine._native",

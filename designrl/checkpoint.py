@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import safetensors
 import safetensors.numpy
-from mcap.writer import MCAP0_MAGIC
 
 from designrl.errors import InputError, printable
 from designrl.experiments import Network, get_experiment
@@ -28,6 +27,7 @@ _WHAT_TO_DO = {
     FORMAT: "get it again, or name another",
     STATE_FORMAT: "put a good copy back, or start again in another folder with --out",
 }
+MCAP_MAGIC = b"\x89MCAP0\r\n"  # with which a recording begins
 MAX_FILE_BYTES = 4 * 2**20  # a checkpoint of ours is under 1 MB; nothing larger is read
 MAX_HEADER_BYTES = 2**18  # ours are some 2 kB; text grows twentyfold when it is parsed
 MAX_DEPTH = 20  # of values in the metadata; ours is 3
@@ -40,7 +40,7 @@ def read_bounded(path: Path) -> bytes:
         InputError: missing, a recording, or too large to be one.
     """
     data = read_limited(path, MAX_FILE_BYTES)
-    if data.startswith(MCAP0_MAGIC):
+    if data.startswith(MCAP_MAGIC):
         raise InputError(
             f"{path} is a recording, not a checkpoint; open it with `designrl info` or "
             "`designrl replay`"
@@ -126,6 +126,8 @@ def save(agent: Agent, path: str | Path) -> None:
         "experiment": agent.experiment.name,
         "network": dataclasses.asdict(agent.network),
     }
+    if agent.space.limits != agent.experiment.body.design.limits:
+        metadata["limits"] = agent.space.limits
     write_tensors(path, {"parameters": agent.parameters}, metadata, FORMAT)
 
 
@@ -146,7 +148,8 @@ def load(path: str | Path, experiment: str | None = None) -> Agent:
         network = Network(**{**metadata["network"], "sizes": tuple(metadata["network"]["sizes"])})
         if tensors["parameters"].dtype != np.float64:
             raise InputError("its parameters are not float64")
-        agent = Agent(found, tensors["parameters"], network, metadata)
+        space = found.space(metadata.get("limits"))
+        agent = Agent(found, tensors["parameters"], network, metadata, space)
     except InputError as error:
         raise InputError(f"{path} cannot be used: {error}") from None
     except (KeyError, TypeError, ValueError):
@@ -194,7 +197,9 @@ def describe(path: str | Path) -> str:
             values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)
             lines.append(f"{label:12} {values}")
     if agent.design is not None:
-        space = agent.experiment.design
+        space = agent.space
+        if "limits" in m:
+            lines.append(f"limits       {space.in_words}")
         lines.append(f"design       in % of the original, and in {space.unit}")
         rows = zip(space.names, agent.design, space.dimensions(agent.design), strict=True)
         for name, scale, size in rows:

@@ -1,6 +1,7 @@
 """The `designrl` command."""
 
 import argparse
+import contextlib
 import dataclasses
 import errno
 import importlib
@@ -214,24 +215,35 @@ def _add_train(commands) -> None:
     )
 
 
-def _evaluate(args) -> None:
-    from tqdm import tqdm
+@contextlib.contextmanager
+def _bar(unit: str, total: int | None = None):
+    """A bar on a terminal, as the function that moves it; without tqdm, there is none."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield lambda count: None
+        return
+    with tqdm(total=total, unit=unit, leave=False, disable=None) as bar:
+        yield bar.update
 
+
+def _evaluate(args) -> None:
     from designrl.evaluation import evaluate
     from designrl.names import load
-    from designrl.recording.table import check_target, write_table
 
     if args.output:
+        from designrl.recording.table import check_target, write_table
+
         check_target(args.output)
     agent = load(args.file, args.experiment)
-    with tqdm(total=args.episodes, unit="episode", leave=False, disable=None) as bar:
+    with _bar("episode", args.episodes) as progress:
         result = evaluate(
             agent,
             args.episodes,
             args.seed,
             args.workers,
             args.backend,
-            progress=bar.update,
+            progress=progress,
             design=_design_of(args),
             **({"lidar": args.lidar} if args.lidar else {}),
         )
@@ -309,10 +321,8 @@ def _record(args) -> None:
         said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
         print(printable(said))
     if args.video:
-        from tqdm import tqdm
-
-        with tqdm(unit="picture", leave=False, disable=None) as bar:
-            score = record_video(agent, args.video, seed, bar.update, design)
+        with _bar("picture") as progress:
+            score = record_video(agent, args.video, seed, progress, design)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
 
 
@@ -357,14 +367,12 @@ def _replay(args) -> None:
 
 
 def _film(args) -> None:
-    from tqdm import tqdm
-
     from designrl.video import STAGES, evolution_video
 
     if len(args.files) > 1 or args.save or args.headless_screenshot or args.web:
         raise InputError("--video films one run and does nothing else; name only its folder")
-    with tqdm(total=STAGES, unit="stage", leave=False, disable=None) as bar:
-        evolution_video(args.files[0], args.video, progress=bar.update)
+    with _bar("stage", STAGES) as progress:
+        evolution_video(args.files[0], args.video, progress=progress)
     print(f"{args.video} written")
 
 
@@ -404,9 +412,9 @@ def _info(args) -> None:
 
 
 def _describe(path: Path) -> None:
-    from mcap.writer import MCAP0_MAGIC
+    from designrl.checkpoint import MCAP_MAGIC
 
-    if path.suffix == ".mcap" or read_limited(path, 8).startswith(MCAP0_MAGIC):
+    if path.suffix == ".mcap" or read_limited(path, 8).startswith(MCAP_MAGIC):
         from designrl.recording import describe
     elif path.suffix == ".json":
         from designrl.author import describe

@@ -1,6 +1,8 @@
 """The one error type that means "the input is wrong", as opposed to a bug, and how it is said."""
 
+import contextlib
 import sys
+from collections.abc import Iterator
 
 MAX_SENTENCE = 2000  # characters of one that are kept
 
@@ -15,6 +17,32 @@ class InputError(ValueError):
 
     def __init__(self, sentence: str):  # or another such error: Gymnasium's workers pass that
         super().__init__(_shortened(str(sentence)))
+
+
+class MissingPartError(InputError, ImportError):
+    """A package of one of the extras is needed and not installed."""
+
+
+@contextlib.contextmanager
+def optional(what: str, extra: str, in_a_clone: str = "make setup") -> Iterator[None]:
+    """For the imports of what not every installation has.
+
+    Args:
+        what: needs them.
+        extra: of pyproject.toml, which has them.
+        in_a_clone: the command that installs them there.
+
+    Raises:
+        MissingPartError: one of them is not installed, or not to be used here.
+    """
+    try:
+        yield
+    except Exception as error:  # protobuf refuses an older one by an error of its own
+        reason = " ".join(str(error).split()).partition(". ")[0]
+        raise MissingPartError(
+            f"{what} cannot be used here ({reason}); install designrl[{extra}], or in a clone run "
+            f"{in_a_clone}"
+        ) from None
 
 
 def printable(text: str) -> str:

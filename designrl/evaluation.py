@@ -118,7 +118,8 @@ def evaluate(
         raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
     scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()
-    with Simulator(agent.experiment, backend, agent.network, workers, **env_kwargs) as simulator:
+    about = agent.experiment, backend, agent.network, workers
+    with Simulator(*about, space=agent.space, **env_kwargs) as simulator:
         result = simulator.rollout(
             agent.parameters[None],
             episode_seeds(seed, episodes)[None],

@@ -94,6 +94,20 @@ class Experiment:
         """The dimensions that it learns; None where the body is fixed."""
         return self.body.design if self.learns_design else None
 
+    def space(self, limits: Mapping | None) -> DesignSpace:
+        """The body's dimensions with `DesignSpace.limits`, as files have them; none: its own.
+
+        Raises:
+            InputError: they are no limits.
+        """
+        if not limits:
+            return self.body.design
+        try:
+            form, bounds = limits["form"], limits["bounds"]
+            return replace(self.body.design, limit=None, form=form, bounds=bounds)
+        except (KeyError, TypeError):
+            raise InputError(f"the limits of its body are {limits}, which are none") from None
+
     @property
     def networks(self) -> tuple[Network, ...]:
         """Networks that its agents may have."""

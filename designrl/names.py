@@ -1,4 +1,4 @@
-"""Agents and runs by name: a file, a run's folder, or in a clone "biped-morphology/seed0"."""
+"""Agents and runs by name: a file, a run's folder, or a published one, "biped-morphology/seed0"."""
 
 import json
 import re
@@ -10,15 +10,16 @@ from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
 
-PRETRAINED = Path(__file__).resolve().parents[1] / "pretrained"  # in a clone, beside the package
+PRETRAINED = Path(__file__).resolve().parent / "pretrained"  # there, if installed from a wheel
+if not PRETRAINED.is_dir():
+    PRETRAINED = PRETRAINED.parents[1] / "pretrained"  # in a clone, beside the package
 
 
 def find(name: str | Path) -> Path:
-    """The file that is meant: itself, a run's best agent, or a published agent in a clone.
+    """The file that is meant: itself, a run's best agent, or a published agent.
 
     Args:
-        name: a file, the folder of a run, or "biped-morphology/seed0" for the published agent in
-            `pretrained/`.
+        name: a file, the folder of a run, or "biped-morphology/seed0" for the published agent.
 
     Raises:
         InputError: a published agent's name where there is none, or an experiment's; a run without
@@ -39,11 +40,6 @@ def find(name: str | Path) -> Path:
         raise InputError(f"{path} is an experiment; name an agent of `designrl checkpoints`")
     if not _is_name(path):
         return path
-    if not PRETRAINED.is_dir():
-        raise InputError(
-            f"the published agent {name} is not installed with the package; get designrl's "
-            f"repository and name pretrained/{name}.safetensors in it"
-        )
     published = PRETRAINED / f"{path}.safetensors"
     if not published.is_file():
         raise InputError(f"there is no agent {name}; `designrl checkpoints` lists those there are")
@@ -51,10 +47,17 @@ def find(name: str | Path) -> Path:
 
 
 def find_run(name: str | Path) -> Path:
-    """The run or recording that is meant: itself, or in a clone the published run of that name."""
+    """The run or recording that is meant: itself, or in a clone the published run of that name.
+
+    Raises:
+        InputError: the name of a published run, which an installation does not have.
+    """
     published = PRETRAINED.parent / "logs" / name
-    meant = _is_name(Path(name)) and published.is_dir() and not Path(name).exists()
-    return published if meant else Path(name)
+    if not _is_name(Path(name)) or Path(name).exists():
+        return Path(name)
+    if not published.is_dir() and (PRETRAINED / f"{name}.safetensors").is_file():
+        raise InputError(f"the recordings of {name} are in designrl's repository alone, in logs")
+    return published if published.is_dir() else Path(name)
 
 
 def _is_name(path: Path) -> bool:

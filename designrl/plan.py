@@ -114,5 +114,6 @@ def recorded_bytes(run: TrainingRun, longest: int) -> tuple[float, float]:
                 )
         generation = (path.stat().st_size - before) / _SAMPLE_GENERATIONS
         path = Path(folder) / "rollout.mcap"
-        record_rollout(Agent(run.experiment, run.candidates()[0]), path, 0)
+        agent = Agent(run.experiment, run.candidates()[0], space=run.settings.space)
+        record_rollout(agent, path, 0)
         return generation, path.stat().st_size / read(path).topics["/reward"] * longest

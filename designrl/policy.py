@@ -18,6 +18,7 @@ import gymnasium
 import numpy as np
 
 from designrl import engine
+from designrl.design import DesignSpace
 from designrl.errors import InputError
 from designrl.experiments import Experiment, Network
 from designrl.numeric import real_numbers, whole_number
@@ -108,6 +109,7 @@ class Agent:
         parameters: (P,) the flat vector, network first, then the design's parameters.
         network: where it differs from the experiment's (the published original ant).
         metadata: where it came from.
+        space: the limits of its body, where they are not the experiment's.
 
     Raises:
         InputError: a network that the experiment does not have, a wrong number of parameters, or
@@ -120,8 +122,10 @@ class Agent:
         parameters: np.ndarray,
         network: Network | None = None,
         metadata: dict | None = None,
+        space: DesignSpace | None = None,
     ):
         self.experiment = experiment
+        self.space = space or experiment.body.design
         self.network = network or experiment.network
         try:
             self.parameters = real_numbers(parameters)
@@ -145,14 +149,15 @@ class Agent:
         self._noise = _Noise()
 
     def __reduce__(self):  # the compiled forward pass cannot be pickled
-        return Agent, (self.experiment, self.parameters, self.network, self.metadata)
+        about = self.experiment, self.parameters, self.network, self.metadata, self.space
+        return Agent, about
 
     @cached_property
     def design(self) -> np.ndarray | None:
         """(D,) scales of the learned body, read-only; None where the experiment learns none."""
         if self.experiment.design is None:
             return None
-        scales = self.experiment.design.scales(self.parameters[self.network.num_parameters :])
+        scales = self.space.scales(self.parameters[self.network.num_parameters :])
         scales.setflags(write=False)
         return scales
 
@@ -160,6 +165,11 @@ class Agent:
     def scales(self) -> np.ndarray:
         """(D,) scales of the body it walks with: its design, or ones for the original body."""
         return np.ones(self.experiment.body.design.size) if self.design is None else self.design
+
+    @property
+    def env_kwargs(self) -> dict:
+        """What `gymnasium.make` needs for its body: nothing, or other `design_bounds`."""
+        return bounds_kwargs(self.experiment, self.space)
 
     def reset(self, seed: int) -> None:
         """Start an episode: the output noise, if any, is a function of the seed alone."""
@@ -201,11 +211,12 @@ class Agent:
                 own body.
 
         Raises:
-            InputError: no design of the body.
+            InputError: a name or a number of scales that the body does not have. An environment
+                refuses what is out of its bounds.
         """
         if design is None:
             return self.scales
-        return self.experiment.body.design.changed(self.scales, design)
+        return self.space.changed(self.scales, design)
 
     def start(self, env: gymnasium.Env, seed: int, design=None) -> np.ndarray:
         """Reset the agent and an environment of its experiment.
@@ -254,6 +265,12 @@ class Agent:
             return engine.act_function(network.sizes, network.output == "tanh", weights)
         except InputError:  # no library here, or a layer wider than it takes
             return forward_function(network, weights)
+
+
+def bounds_kwargs(experiment: Experiment, space: DesignSpace) -> dict:
+    """The environment's keyword for a body's limits, where they are not the experiment's."""
+    bounds = space.limits["bounds"]
+    return {} if bounds == experiment.body.design.limits["bounds"] else {"design_bounds": bounds}
 
 
 def given_design(env: gymnasium.Env, otherwise: np.ndarray):

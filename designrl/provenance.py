@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 
 VERSION = "0.1.0"
-LIBRARIES = ("box2d-py", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
+# Those that are installed count; of the two names of Box2D, one is.
+LIBRARIES = ("box2d-py", "box2d", "gymnasium", "numpy", "pybullet", "safetensors", "torch")
 # All that evaluation imports: what a score depends on. The rest (training, recordings, viewer,
 # command line) may change without it.
 SCORING_SOURCES = (
@@ -36,16 +37,29 @@ SCORING_SOURCES = (
 @cache
 def versions() -> dict[str, str]:
     """Versions of this package and of the libraries that scores depend on."""
-    return {"designrl": VERSION} | {name: importlib.metadata.version(name) for name in LIBRARIES}
+    found = {"designrl": VERSION}
+    for name in LIBRARIES:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
 
 
 @cache
 def sources_hash() -> str:
     """Hash of the sources that a score depends on (16 hex digits): names the code without git."""
-    root = Path(__file__).parent
-    files = [root / name for name in SCORING_SOURCES]
-    files += [path for folder in files if folder.is_dir() for path in folder.rglob("*")]
-    digest = hashlib.sha256()
+    return _hash_of([Path(__file__).parent / name for name in SCORING_SOURCES])
+
+
+@cache
+def engine_hash() -> str:
+    """Hash of the compiled engine's sources, which is compiled into it, too (setup.py)."""
+    return _hash_of([Path(__file__).parent / "engine" / "native"])
+
+
+def _hash_of(files: list[Path]) -> str:
+    """Hash of sources (16 hex digits), with all that are in folders."""
+    root, digest = Path(__file__).parent, hashlib.sha256()
+    files = files + [path for folder in files if folder.is_dir() for path in folder.rglob("*")]
     for path in sorted(files):
         if path.suffix in (".py", ".cpp", ".h"):
             digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())

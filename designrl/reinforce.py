@@ -10,11 +10,13 @@ published code does. The mathematics is in free functions on tensors; the class 
 """
 
 import numpy as np
-import torch
 
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.numeric import real_numbers
 from designrl.settings import PLAIN, PUBLISHED, ReinforceSettings
+
+with optional("training", "train", "make setup-train"):
+    import torch
 
 __all__ = ["PLAIN", "PUBLISHED", "Reinforce", "ReinforceSettings"]
 

@@ -3,9 +3,10 @@
 import dataclasses
 import types
 import typing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 
+from designrl.design import DesignSpace
 from designrl.errors import InputError
 from designrl.experiments import OLD_NAMES, RECIPES, Experiment, get_experiment, register
 
@@ -15,6 +16,8 @@ _KINDS = {  # of a setting: what it may be, and what that is called
     float: (Real, "a number"),
     str: (str, "a text"),
 }
+# What older files do not have: they stay as they were, and are gone on with, where it is not set.
+LATER = ("design_limit", "design_form")
 ADAM_ALONE = ("sigma_learning_rate", "sigma_change_max", "sigma_decay")  # not in the plain form
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
@@ -132,6 +135,18 @@ class TrainSettings(ReinforceSettings):
         None, "end the run when an evaluation has this mean, in points (default: never)"
     )
 
+    design_limit: float | None = _setting(
+        None,
+        "how far a learned body's dimension may go from its original size: ± so much of it "
+        "(default: 0.75, the paper's); with lognormal ones, times or divided by so much "
+        "(default: 4)",
+    )
+    design_form: str | None = _setting(
+        None,
+        "of a learned body's scales: bounded, 1 ± limit × tanh(p) (default, the paper's), or "
+        "lognormal, exp(p) between 1 / limit and limit",
+    )
+
     @classmethod
     def of(cls, experiment: str | Experiment, recipe: str = "paper", **changes) -> "TrainSettings":
         """The settings of an experiment's recipe, with some changed.
@@ -160,6 +175,9 @@ class TrainSettings(ReinforceSettings):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
         if self.shaped_rewards and experiment.shaping is None:
             raise InputError(f"{experiment.name} has no shaped rewards; leave out shaped-rewards")
+        if experiment.design is None and (self.design_limit, self.design_form) != (None, None):
+            raise InputError(f"{experiment.name} learns no body; leave out its limit and its form")
+        self.space  # noqa: B018 (refuses other limits)
         self._check("seed", 0)
         for name in ("generations", "population", "rollouts", "evaluate_every"):
             self._check(name, 1)
@@ -193,7 +211,17 @@ class TrainSettings(ReinforceSettings):
 
     def as_dict(self) -> dict:
         """JSON-ready, the same after a round trip."""
-        return dataclasses.asdict(self)
+        found = dataclasses.asdict(self).items()
+        return {name: value for name, value in found if value is not None or name not in LATER}
+
+    @property
+    def space(self) -> DesignSpace:
+        """The body's dimensions with their limits."""
+        own = get_experiment(self.experiment).body.design
+        if (self.design_limit, self.design_form) == (None, None):
+            return own
+        form = self.design_form or own.form
+        return replace(own, limit=self.design_limit, form=form, bounds=None)
 
     def command(self) -> str:
         """The shortest command that gives this run's result."""

@@ -23,12 +23,13 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from designrl import engine
+from designrl.design import DesignSpace
 from designrl.envs import tasks
 from designrl.envs.tasks import EngineTask, engine_task
 from designrl.errors import InputError
 from designrl.experiments import PAPERS, Experiment, Network, Shaping, get_experiment
 from designrl.numeric import real_numbers, whole_numbers
-from designrl.policy import Agent, noise_stds
+from designrl.policy import Agent, bounds_kwargs, noise_stds
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
 BACKENDS = ("engine", "reference")
@@ -77,6 +78,7 @@ class Episodes:
     env_kwargs: dict = field(default_factory=dict)  # of the environment
     shaping: Shaping | None = None  # changes of the rewards, if any
     design: np.ndarray | None = None  # (D,) scales of all bodies; None: the candidates' own
+    space: DesignSpace | None = None  # of those, where its limits are not the experiment's
     spec: EnvSpec = field(init=False)  # of the environment, which a worker need not have registered
 
     def __post_init__(self):
@@ -94,6 +96,7 @@ class Simulator(AbstractContextManager):
         workers: processes (reference) or threads (engine), at least 1.
         ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
             has no meaning then.
+        space: limits of the bodies, where they are not the experiment's.
         env_kwargs: keywords of the environment, `lidar="v3"` for instance.
 
     Attributes:
@@ -113,6 +116,7 @@ class Simulator(AbstractContextManager):
         network: Network | None = None,
         workers: int = 1,
         ray: str | None = None,
+        space: DesignSpace | None = None,
         **env_kwargs,
     ):
         if backend not in BACKENDS:
@@ -124,7 +128,8 @@ class Simulator(AbstractContextManager):
         self.experiment = get_experiment(experiment)
         self.network = network or self.experiment.network
         self.workers = workers
-        self._env_kwargs = env_kwargs
+        self.space = space or self.experiment.body.design
+        self._env_kwargs = env_kwargs = bounds_kwargs(self.experiment, self.space) | env_kwargs
         self._parameters = self.experiment.parameters_with(self.network)
         if self.experiment not in PAPERS:
             check_world(self.experiment, self.network)
@@ -134,11 +139,15 @@ class Simulator(AbstractContextManager):
             creator = gymnasium.spec(self.experiment.env_id).entry_point
             creator = creator if callable(creator) else load_env_creator(creator)
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
-                raise InputError(f"{self.experiment.name} has no {unknown[0]}; leave it out")
+                others = " or other limits of its body" if unknown[0] == "design_bounds" else ""
+                raise InputError(
+                    f"{self.experiment.name} has no {unknown[0]}{others}; leave it out"
+                )
         kwargs = {**self.experiment.training_kwargs, **env_kwargs}
+        self._bodies = self.space.within(kwargs.get("design_bounds"))
         task = engine_task(self.experiment.env_id, **kwargs)  # or refuses a value
         asked = backend == "engine"
-        reason = engine_reason(task, self.experiment, self.network) if asked else ""
+        reason = engine_reason(task, self.experiment, self.network, self._bodies) if asked else ""
         if reason:
             print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
         self.backend = backend = "engine" if reason is None else "reference"
@@ -183,8 +192,8 @@ class Simulator(AbstractContextManager):
         kwargs = {**(self.experiment.training_kwargs if training else {}), **self._env_kwargs}
         shaping = self.experiment.shaping if shaped else None
         if design is not None:
-            design = self.experiment.body.design.validate(design)
-        episodes = Episodes(self.experiment, self.network, kwargs, shaping, design)
+            design = self._bodies.validate(design)
+        episodes = Episodes(self.experiment, self.network, kwargs, shaping, design, self.space)
         result = self._run(episodes, candidates, seeds, progress)
         finite = np.isfinite(result.returns).all(axis=1)
         if not finite.all():
@@ -289,7 +298,7 @@ def run_reference(
     options = {"disable_env_checker": True, **episodes.env_kwargs}
     with closing(gymnasium.make(episodes.spec, **options)) as env:
         for i, parameters in enumerate(candidates):
-            agent = Agent(episodes.experiment, parameters, episodes.network)
+            agent = Agent(episodes.experiment, parameters, episodes.network, space=episodes.space)
             for j, seed in enumerate(seeds[i].tolist()):
                 returns[i, j], steps[i, j] = run_episode(
                     env, agent, seed, episodes.shaping, episodes.design
@@ -349,11 +358,17 @@ def check_world(experiment: Experiment, network: Network) -> None:
         )
 
 
-def engine_reason(task: EngineTask | None, experiment: Experiment, network: Network) -> str | None:
+def engine_reason(
+    task: EngineTask | None,
+    experiment: Experiment,
+    network: Network,
+    space: DesignSpace | None = None,
+) -> str | None:
     """Why the engine cannot run an experiment here, as a clause; None if it can.
 
     Args:
         task: `engine_task` of its environment; without one nothing is amiss, and the clause empty.
+        space: limits of the bodies; None: the paper's.
     """
     if task is None:
         return ""
@@ -363,7 +378,7 @@ def engine_reason(task: EngineTask | None, experiment: Experiment, network: Netw
         return f"the compiled engine has layers of at most {engine.widest_layer()} values"
     if experiment.shaping not in (None, Shaping()):
         return "the compiled engine has the published code's shaped rewards alone"
-    return tasks.engine_reason(experiment.env_id)
+    return tasks.engine_reason(experiment.env_id, space)
 
 
 def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
@@ -383,7 +398,7 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
     if episodes.design is not None:
         scales *= episodes.design
     elif experiment.design:
-        scales = experiment.design.scales(rest)
+        scales = (episodes.space or experiment.design).scales(rest)
     return engine.rollout(
         task,
         network.sizes,

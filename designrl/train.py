@@ -19,12 +19,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import gymnasium
 import numpy as np
-import torch
-from tqdm import tqdm
+
+from designrl.errors import InputError, optional
+
+with optional("training", "train", "make setup-train"):
+    import torch
+    from tqdm import tqdm
 
 from designrl import checkpoint
-from designrl.errors import InputError
 from designrl.experiments import Experiment, get_experiment
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
@@ -151,7 +155,8 @@ class TrainingRun:
 
     def simulator(self) -> Simulator:
         """What simulates them, where this run is to be executed."""
-        return Simulator(self.experiment, self.backend, workers=self.workers, ray=self.ray)
+        about = {"workers": self.workers, "ray": self.ray, "space": self.settings.space}
+        return Simulator(self.experiment, self.backend, **about)
 
     def run(self) -> None:
         """Train to the last generation.
@@ -162,6 +167,8 @@ class TrainingRun:
         """
         # Sums over candidates must not depend on the machine's number of cores.
         torch.set_num_threads(1)
+        # Rollouts are recorded in a single environment: what that lacks is said now.
+        gymnasium.make(self.experiment.env_id, disable_env_checker=True).close()
         with self._folder.locked():
             self._open()  # another run may have used the folder until now
             self._folder.clean()
@@ -289,7 +296,8 @@ class TrainingRun:
 
     def _agent(self, parameters: np.ndarray, **about) -> Agent:
         about |= {"seed": self.settings.seed, "generation": self.progress.generation}
-        return Agent(self.experiment, parameters, metadata={**about, "versions": versions()})
+        about |= {"versions": versions()}
+        return Agent(self.experiment, parameters, metadata=about, space=self.settings.space)
 
     def _rollout(self, simulator: Simulator, candidates, seeds, shaped=False, progress=None):
         try:
@@ -318,6 +326,7 @@ class TrainingRun:
             "experiment": self.experiment.name,
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
+            **self._limits,
             # Not in the checkpoint: its bytes stay those of any code that computes the same.
             "versions": json.dumps({**versions(), "sources": sources_hash()}, sort_keys=True),
             "host": f"{platform.system()} {processor()}, {os.cpu_count()} cores",
@@ -325,6 +334,12 @@ class TrainingRun:
             "command": self.settings.command(),
             "workers": f"Ray {self.ray}" if self.ray else str(self.workers),
         }
+
+    @property
+    def _limits(self) -> dict[str, str]:
+        limits = self.settings.space.limits
+        other = limits != self.experiment.body.design.limits
+        return {"limits": json.dumps(limits)} if other else {}
 
     def _take_snapshot(self) -> None:
         # Of whole generations only: an interrupt can come in the middle of an update.
@@ -347,7 +362,7 @@ class TrainingRun:
         tensors, metadata = checkpoint.read_tensors(self._folder.state, checkpoint.STATE_FORMAT)
         damaged = InputError(f"{self._folder.state} is damaged; start again in another folder")
         try:
-            for name, ours in self.settings.as_dict().items():
+            for name, ours in vars(self.settings).items():
                 theirs = metadata["settings"].get(name)
                 if theirs != ours and not (name == "generations" and theirs < ours):
                     raise InputError(

@@ -12,14 +12,16 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
 from designrl.design import in_words
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.experiments import get_experiment
 from designrl.files import require_new, write_atomically
 from designrl.policy import Agent
 from designrl.recording import Recording, read
+
+with optional("films", "view"):
+    from PIL import Image, ImageDraw, ImageFont
 
 SUFFIXES = (".mp4", ".gif", ".webp")
 EVERY = 2  # steps from one picture to the next
@@ -99,8 +101,10 @@ def evolution_video(
     parameters = recording.array("/distribution", "mu")
     generations, scores = _curve(recording)
     title = f"{experiment.name} seed {recording.metadata.get('seed', '?')}"
+    space = experiment.space(recording.about("limits"))
     agents = [
-        (held[i], Agent(experiment, parameters[i])) for i in _stages(held, generations, scores)
+        (held[i], Agent(experiment, parameters[i], space=space))
+        for i in _stages(held, generations, scores)
     ]
 
     def frames() -> Iterator[Image.Image]:
@@ -129,7 +133,8 @@ def film(agent: Agent, seed: int, design=None) -> Iterator[tuple[np.ndarray, flo
                 f"{env_id} draws no pictures, as its render_modes have no rgb_array; without a "
                 "video, an .mcap shows its body"
             )
-    env = gymnasium.make(env_id, render_mode="rgb_array", disable_env_checker=True)
+    kwargs = {"render_mode": "rgb_array", **agent.env_kwargs}
+    env = gymnasium.make(env_id, disable_env_checker=True, **kwargs)
     try:
         for step in agent.play(env, seed, design):
             score += step.reward
@@ -238,10 +243,6 @@ def _write_mp4(data: io.BytesIO, frames: Iterable[Image.Image], seconds: float) 
 
 
 def _av():
-    try:
+    with optional("PyAV (for .mp4, not for .gif or .webp)", "video", "pip install av"):
         import av
-    except ImportError:
-        raise InputError(
-            "an .mp4 needs PyAV (pip install av); a .gif or .webp needs nothing more"
-        ) from None
     return av

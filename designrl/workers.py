@@ -23,7 +23,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.provenance import sources_hash
 
 MAX_FAILURES = 3  # of one task, before it is blamed and not its workers
@@ -222,13 +222,8 @@ class RayWorkers:
     def __init__(self, address: str):
         if address == "local":
             os.environ |= LOCAL_RAY
-        try:
+        with optional("Ray", "ray", "pip install -c requirements-extras.lock ray"):
             import ray
-        except ImportError:
-            raise InputError(
-                "Ray is not installed; install it in designrl's checkout with: "
-                "pip install -c requirements-extras.lock ray"
-            ) from None
         self._ray = ray
         if address not in ("local", "auto") and "://" not in address:
             _check_reachable(address)  # Ray itself would try for minutes

@@ -1,6 +1,6 @@
 """The paper's algorithm in one sitting: section 3, with its equations' numbers and its words.
 
-    python examples/by_hand.py
+    python examples/by_hand.py            (with PyTorch: make setup-train)
 
 Learns a walker's policy and its body for two generations, without anything that makes it fast or
 safe: no compiled engine, workers, recordings or files. `designrl train` computes the same bits

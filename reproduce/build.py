@@ -21,6 +21,7 @@ from types import ModuleType
 
 from tqdm import tqdm
 
+from designrl.errors import remark
 from designrl.files import file_hash, write_atomically
 from designrl.provenance import sources_hash
 from reproduce import drawing, paths, scores
@@ -93,23 +94,45 @@ def write(module: ModuleType, sources: Sources) -> list[Path]:
     return module.main(sources)
 
 
+def changed(inputs: dict[str, str], sources: Sources) -> list[tuple[str, Sources]]:
+    """The items that made some of an item's inputs, where these are not as they were made."""
+    return [
+        (name, by)
+        for by in dict.fromkeys((OURS, sources))
+        for name in ITEMS
+        if (made := kept_in(manifest(name, by)))
+        and any(inputs.get(path, sha256) != sha256 for path, sha256 in made["outputs"].items())
+    ]
+
+
+def kept_in(path: Path) -> dict:
+    """What stands in a file of JSON; nothing where there is none."""
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
 def make(name: str, sources: Sources = OURS) -> list[Path] | None:
     """Make an item; None where it is up to date, else what was written."""
     module = load(name)
-    state = {"versions": used_versions(), "inputs": hashes(reads(module, sources))}
+    inputs = hashes(reads(module, sources))
+    for other, by in changed(inputs, sources):
+        remark(f"{name} reads what is not as `make reproduce-{other}` made it; it is made again")
+        make(other, by)
+        inputs = hashes(reads(module, sources))
+    state = {"versions": used_versions(), "inputs": inputs}
     local = state | {"code": code(), "backend": sources.backend}
+
+    def committed(outputs: dict[str, str]) -> dict:
+        kept = {p: sha256 for p, sha256 in outputs.items() if not p.endswith(NOT_COMMITTED)}
+        return {"command": f"make reproduce-{name}"} | state | {"outputs": kept}
+
     here = paths.ROOT / ".cache" / "reproduce" / sources.folder.name / f"{name}.json"
-    kept = json.loads(here.read_text(encoding="utf-8")) if here.exists() else {"outputs": ()}
-    now = local | {"outputs": hashes(paths.ROOT / path for path in kept["outputs"])}
-    if kept == now and manifest(name, sources).exists():
+    outputs = kept_in(here).get("outputs", {})
+    now = local | {"outputs": hashes(paths.ROOT / path for path in outputs)}
+    if kept_in(here) == now and kept_in(manifest(name, sources)) == committed(outputs):
         return None
     written = write(module, sources)
     outputs = hashes(written)
-    committed = {
-        path: sha256 for path, sha256 in outputs.items() if not path.endswith(NOT_COMMITTED)
-    }
-    committed = {"command": f"make reproduce-{name}"} | state | {"outputs": committed}
-    said = {manifest(name, sources): committed, here: local | {"outputs": outputs}}
+    said = {manifest(name, sources): committed(outputs), here: local | {"outputs": outputs}}
     for path, content in said.items():
         write_atomically(path, json.dumps(content, indent=1).encode() + b"\n")
     return written
@@ -126,8 +149,7 @@ def main(names: list[str]) -> None:
             bar.set_postfix_str(name)
             written = make(name, sources)
             if len(names) == 1:
-                made = json.loads(manifest(name, sources).read_text(encoding="utf-8"))
-                for path in made["outputs"]:
+                for path in kept_in(manifest(name, sources))["outputs"]:
                     if "tables/" in path and path.endswith(".md"):
                         print((paths.ROOT / path).read_text(encoding="utf-8"))
             files = ", ".join(shown(path) for path in written or ())

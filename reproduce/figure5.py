@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from designrl.errors import InputError
 from reproduce import drawing, paths
-from reproduce.paths import EIGHT, paper, recordings
-from reproduce.runs import SOLVED, Run, read_run
+from reproduce.paths import EIGHT, paper, recordings, shown
+from reproduce.runs import SOLVED, Run, read_published
 from reproduce.scores import rewards_small_legs
 from reproduce.sources import Sources
 
@@ -71,9 +71,10 @@ def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
     runs = []
     for path in recordings(experiment):
         try:
-            runs.append(read_run(path))
+            runs.append(read_published(path))
         except InputError as error:
-            missing.append(f"{label}, {path.parent.name}: not drawn ({error})")
+            said = str(error).replace(str(path), shown(path))
+            missing.append(f"{label}, {path.parent.name}: not drawn ({said})")
     return runs, missing
 
 

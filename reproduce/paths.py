@@ -1,5 +1,6 @@
 """Where the project keeps what its tables and figures are made of."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -23,6 +24,12 @@ def pretrained(experiment: str) -> list[Path]:
     """Our checkpoints of an experiment by its recipe, by seed."""
     found = (ROOT / "pretrained" / experiment).glob("seed*.safetensors")
     return sorted(found, key=lambda path: (len(path.name), path.name))
+
+
+def seed_of(name: str) -> int | None:
+    """The seed of a published run, "seed3" or "paper-seed3"; None where that is no such name."""
+    found = re.fullmatch(r"(?:paper-)?seed(\d+)", name)
+    return int(found[1]) if found else None
 
 
 def recordings(experiment: str) -> list[Path]:

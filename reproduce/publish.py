@@ -55,7 +55,8 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
         InputError: the run is damaged, or another one is published; nothing has been changed.
     """
     agent = load(run / "best.safetensors")
-    recorded = read_run(run / "generations.mcap")
+    recorded = read_run(run / "generations.mcap", agent.experiment.name, agent.metadata["seed"])
+    published_scores()  # whatever is wrong with it is said before anything is written
     name = name or f"seed{agent.metadata['seed']}"
     checkpoint = paths.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
     content = (run / "best.safetensors").read_bytes()
@@ -77,22 +78,37 @@ def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
 
 def add_to_index(s: Score) -> None:
     """Write a checkpoint's score to pretrained/index.json, which `designrl checkpoints` lists."""
-    folder = paths.ROOT / "pretrained"
-    path = folder / "index.json"
-    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    found[s.path.relative_to(folder).with_suffix("").as_posix()] = {
+    path, found = index_file(), published_scores()
+    found[s.path.relative_to(path.parent).with_suffix("").as_posix()] = {
         "mean": round(s.mean, 1),
         "std": round(s.std, 1),
         "episodes": len(s.returns),
     }
-    names = list(EIGHT)
 
     def place(name: str) -> tuple:
         experiment, run = name.split("/")
-        return names.index(experiment), len(run), run
+        return list(EIGHT).index(experiment), len(run), run
 
     index = {name: found[name] for name in sorted(found, key=place)}
     write_atomically(path, json.dumps(index, indent=1).encode() + b"\n")
+
+
+def index_file() -> Path:
+    """Where the scores of the published agents stand."""
+    return paths.ROOT / "pretrained" / "index.json"
+
+
+def published_scores() -> dict[str, dict]:
+    """What the index says of each published agent.
+
+    Raises:
+        InputError: it names one of an experiment that is not the paper's.
+    """
+    path = index_file()
+    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if unknown := [name for name in found if name.partition("/")[0] not in EIGHT]:
+        raise InputError(f"{path} names {unknown[0]}, of no experiment of the paper; take it out")
+    return found
 
 
 def learning_curve(run: Run, agent: Agent) -> Figure:

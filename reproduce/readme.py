@@ -16,7 +16,7 @@ from designrl.errors import InputError
 from designrl.files import write_atomically
 from reproduce import paths, statistics
 from reproduce.paths import EIGHT, paper, pretrained, recording_of
-from reproduce.runs import read_run
+from reproduce.runs import read_published
 from reproduce.scores import EPISODES, SEED
 from reproduce.sources import Sources
 from reproduce.table3 import over_runs, verdict
@@ -110,7 +110,7 @@ def speed_answer() -> str:
     """Whether a learned body solves rough ground (300 points) in fewer generations."""
     parts, solved_at = [], []
     for name, words in zip(HARDCORE, ("the original body", "a learned body"), strict=True):
-        runs = [read_run(path) for path in recordings(name) if path.exists()]
+        runs = [read_published(path) for path in recordings(name) if path.exists()]
         if not runs:
             return "**Hardcore, speed: not known.** There are no runs of both yet."
         at = [np.inf if run.solved_at() is None else run.solved_at() + 1 for run in runs]

@@ -12,7 +12,7 @@ from designrl.errors import InputError
 from designrl.files import file_hash, write_atomically
 from reproduce import build, figure5, paths, statistics, table2, transfer
 from reproduce.paths import EIGHT, paper, recording_of, shown
-from reproduce.runs import read_run
+from reproduce.runs import read_published
 from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs, title, usable
 from reproduce.sources import Sources
 from reproduce.tables import PAPER, Cell, Table
@@ -91,10 +91,12 @@ def costs(ours: dict[str, list[Score]]) -> str:
     for name, s in ((name, s) for name, found in ours.items() for s in usable(found)):
         e, solved, theirs = EIGHT[name], "", ""
         label = Cell(f"{title(name)}, {s.run}", name)
+        log = recording_of(s.path)
         try:
-            run = read_run(recording_of(s.path))
-        except InputError:
-            rows.append([label, "no recording", *[""] * 5])
+            run = read_published(log)
+        except InputError as error:
+            said = str(error).replace(str(log), shown(log)) if log.exists() else "no recording"
+            rows.append([label, said, *[""] * 5])
             continue
         totals.append((run.steps_with(s.agent), run.core_hours[-1]))
         if name in table2.WALKERS and not rewards_small_legs(name):

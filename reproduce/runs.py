@@ -8,6 +8,7 @@ import numpy as np
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import read
+from reproduce.paths import seed_of
 
 SOLVED = 300.0  # points, for the walkers
 
@@ -50,13 +51,28 @@ class Run:
         return int(reached[0]) if len(reached) else None
 
 
-def read_run(path: Path) -> Run:
+def read_published(path: Path) -> Run:
+    """The run in the recording of a published run.
+
+    Raises:
+        InputError: as `read_run`; it is of another experiment or seed than its folders say.
+    """
+    return read_run(path, path.parent.parent.name, seed_of(path.parent.name))
+
+
+def read_run(path: Path, experiment: str, seed: int) -> Run:
     """The run in a recording.
 
     Raises:
-        InputError: it cannot be read or holds no generation.
+        InputError: it cannot be read, holds no generation, or is of another experiment or seed.
     """
     recording = read(path)
+    found = [recording.metadata.get(name) for name in ("experiment", "seed")]
+    if found != [experiment, str(seed)]:
+        raise InputError(
+            f"{path} is of {found[0]}, seed {found[1]}, not of {experiment}, seed {seed}; put back "
+            "the one of that run"
+        )
     generation = recording.generations
     if len(generation) == 0:
         raise InputError(f"{path} holds no generation; train further")

@@ -1,9 +1,10 @@
 """Scores of our checkpoints and of the author's, each computed once and kept.
 
 The engines play the episodes and the reference environments some of them again; a difference ends
-the program. Or the reference plays them all. A score is kept in .cache/scores
+the program. Where it is asked for, the reference plays them all. A score is kept in .cache/scores
 under a name made of all that it depends on: the file's hash, the experiment, seed, episodes,
-backend, and the versions of the code and of its libraries.
+backend, and the versions of the code and of its libraries. What is not as it was kept is played
+again.
 """
 
 import hashlib
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from designrl.errors import InputError
+from designrl.errors import InputError, remark
 from designrl.evaluation import episode_seeds, evaluate
 from designrl.files import file_hash, write_atomically
 from designrl.names import load
@@ -25,7 +26,7 @@ from designrl.provenance import core_count, sources_hash, versions
 from designrl.simulation import Simulator
 from designrl.workers import ProcessWorkers
 from reproduce import paths
-from reproduce.paths import EIGHT, shown
+from reproduce.paths import EIGHT, seed_of, shown
 
 EPISODES = 100  # as the paper's tables
 SEED = 0
@@ -101,6 +102,9 @@ def unscored(path: Path, experiment: str) -> Score:
     """A checkpoint without scores; a `problem` where it cannot be used."""
     try:
         agent = load(path, experiment)
+        seed = agent.metadata.get("seed")
+        if path.suffix != ".json" and seed != seed_of(path.stem):
+            raise InputError(f"{path} is of seed {seed}; put back the one of its name")
     except InputError as error:
         return Score(path, problem=str(error).replace(str(path), shown(path)))
     return Score(path, file_hash(path), agent)
@@ -123,11 +127,9 @@ def score_all(files: list[tuple[Path, str]], backend: str = "engine") -> list[Sc
     missing = []
     for i, s in enumerate(found):
         if not s.problem:
-            try:
-                kept = json.loads(kept_at(s, backend).read_text())
-                found[i] = replace(s, returns=np.array(kept["returns"], dtype=np.float64))
-            except (OSError, ValueError, KeyError, TypeError):
-                missing.append(i)  # a missing or damaged entry is computed
+            found[i] = replace(s, returns=kept(s, backend))
+            if found[i].returns is None:
+                missing.append(i)
     total = len(missing) * EPISODES
     with tqdm(total=total, unit="episode", leave=False, disable=None if missing else True) as bar:
         workers = core_count()
@@ -145,18 +147,42 @@ def score_all(files: list[tuple[Path, str]], backend: str = "engine") -> list[Sc
 
 
 def keep(s: Score, backend: str) -> None:
-    """Keep the scores of a checkpoint."""
-    content = {"sha256": s.sha256, "returns": s.returns.tolist()}
-    write_atomically(kept_at(s, backend), json.dumps(content).encode())
+    """Keep the scores of a checkpoint, under all that they depend on and with a digest of both."""
+    about, returns = depends_on(s, backend), s.returns.tolist()
+    content = {"about": about, "returns": returns, "sha256": digest([about, returns])}
+    write_atomically(kept_at(about), json.dumps(content).encode())
 
 
-def kept_at(s: Score, backend: str) -> Path:
-    """Where the scores of a checkpoint are kept."""
+def kept(s: Score, backend: str) -> np.ndarray | None:
+    """The kept scores of a checkpoint; None where there are none, or they are not what was kept."""
+    about = depends_on(s, backend)
+    path = kept_at(about)
+    if not path.exists():
+        return None
+    try:
+        content = json.loads(path.read_text())
+        if content["sha256"] == digest([about, content["returns"]]):
+            return np.array(content["returns"], dtype=np.float64)
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    remark(f"{shown(path)} is not what was kept there; {shown(s.path)} is played again")
+    return None
+
+
+def depends_on(s: Score, backend: str) -> list:
+    """All that the scores of a checkpoint depend on."""
     about = [s.sha256, s.agent.experiment.name, EPISODES, SEED, backend]
-    key = json.dumps([*about, versions(), sources_hash()])
-    return (
-        paths.ROOT / ".cache" / "scores" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
-    )
+    return [*about, used_versions(), sources_hash()]
+
+
+def kept_at(about: list) -> Path:
+    """Where scores are kept that depend on this."""
+    return paths.ROOT / ".cache" / "scores" / f"{digest(about)[:32]}.json"
+
+
+def digest(value: list) -> str:
+    """SHA-256 of a value of JSON."""
+    return hashlib.sha256(json.dumps(value).encode()).hexdigest()
 
 
 def compare_with_reference(played: list[Score]) -> None:

@@ -1,6 +1,6 @@
 """PPO on the original body and on learned ones: does a learned body help another learner, too?
 
-Reads paper/transfer/TASK/BODY/seedN.csv, which `make transfer` trains (examples/ppo.py): steps of
+Reads paper/transfer/TASK/BODY/seedN.csv, which `make transfer` trains (train_ppo.py): steps of
 training, and the mean of an evaluation's episodes. CAPTIONS says what is drawn, `answer` what
 comes out.
 """
@@ -55,7 +55,7 @@ def read_curves(paths: list[Path]) -> tuple[np.ndarray, np.ndarray]:
         try:
             rows = [(int(row["steps"]), float(row["mean"])) for row in csv.DictReader(lines)]
         except (KeyError, TypeError, ValueError):
-            raise InputError(f"{path} is not a curve of examples/ppo.py; make it anew") from None
+            raise InputError(f"{path} is not a curve of train_ppo.py; make it anew") from None
         found.append(np.array(rows, dtype=np.float64).reshape(-1, 2).T)
         if not np.array_equal(found[0][0], found[-1][0]):
             raise InputError(f"{path} has other steps than {paths[0].name}; train both for as long")

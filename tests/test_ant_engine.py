@@ -25,6 +25,7 @@ from designrl.verify.episodes import (
     make_ant_cases,
     run_engine,
     run_reference,
+    with_other_limits,
 )
 
 REASON = engine.missing_reason()
@@ -56,6 +57,13 @@ def rows_of(batch, rows):
 
 @pytest.mark.parametrize("case", make_ant_cases(24, seed=3), ids=lambda c: f"{c.kind}-{c.seed}")
 def test_every_observation_and_the_return_equal_pybullet(case):
+    assert compare(case)[1] is None
+
+
+@pytest.mark.parametrize(
+    "case", with_other_limits(make_ant_cases(16, seed=4)), ids=lambda c: f"{c.kind}-{c.seed}"
+)
+def test_bodies_of_other_limits_equal_pybullet(case):
     assert compare(case)[1] is None
 
 
@@ -175,6 +183,14 @@ def test_bits_that_are_not_the_references_are_noticed(monkeypatch, capsys):
     assert len(said.splitlines()) == 1
     monkeypatch.undo()
     assert tasks.engine_reason("designrl/Ant-v0") is None
+
+
+def test_without_pybullet_bits_are_compared_with_those_that_it_gave_elsewhere(monkeypatch):
+    monkeypatch.setattr(tasks, "trial", tasks.trial.__wrapped__)
+    monkeypatch.setattr(tasks, "find_spec", lambda name: None)
+    assert tasks.engine_reason("designrl/Ant-v0") is None
+    monkeypatch.setattr(tasks, "TRIAL_STEPS", tasks.TRIAL_STEPS - 1)  # other bits
+    assert "not the reference's to the bit" in tasks.engine_reason("designrl/Ant-v0")
 
 
 def test_workers_without_the_engine_use_the_reference(monkeypatch):

@@ -1,6 +1,8 @@
 import json
+import pickle
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -142,3 +144,24 @@ def test_no_space_leaves_the_old_file(tmp_path, monkeypatch):
         save(make_agent(seed=7), tmp_path / "a.safetensors")
     assert file_hash(tmp_path / "a.safetensors") == before
     assert [path.name for path in tmp_path.iterdir()] == ["a.safetensors"]
+
+
+def test_a_checkpoint_has_the_limits_of_its_body(tmp_path):
+    experiment = get_experiment("biped-morphology")
+    parameters = np.random.default_rng(0).standard_normal(experiment.num_parameters)
+    space = replace(experiment.body.design, form="lognormal", limit=3.0)
+    save(Agent(experiment, parameters, space=space), tmp_path / "a.safetensors")
+    found = load(tmp_path / "a.safetensors")
+    np.testing.assert_array_equal(found.scales, np.clip(np.exp(parameters[-8:]), 1 / 3, 3))
+    assert found.env_kwargs == {"design_bounds": [1 / 3, 3.0]}
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(found)).scales, found.scales)
+    assert ", lognormal" in describe(tmp_path / "a.safetensors")
+    save(Agent(experiment, parameters), tmp_path / "b.safetensors")
+    assert load(tmp_path / "b.safetensors").env_kwargs == {}
+    assert "limits" not in load(tmp_path / "b.safetensors").metadata
+    for limits in (3, {"width": 3}, {"form": "cubic"}, {"bounds": [2, 3]}):
+        wrong = Agent(experiment, parameters, metadata={"limits": limits})
+        save(wrong, tmp_path / "c.safetensors")
+        with pytest.raises(InputError, match=r"c.safetensors cannot be used: (the|design) "):
+            load(tmp_path / "c.safetensors")
+        (tmp_path / "c.safetensors").unlink()

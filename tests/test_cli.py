@@ -212,11 +212,13 @@ def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkey
     assert "seed77 cannot be read" in refused(capsys, "replay", "biped/seed77", "--save", "b.rrd")
 
 
-def test_without_a_clone_is_said_where_the_published_agents_are(tmp_path, capsys, monkeypatch):
+def test_without_a_clone_is_said_where_the_published_runs_are(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("designrl.names.PRETRAINED", tmp_path / "pretrained")
-    where = "name pretrained/biped/seed0.safetensors in it"
-    assert where in refused(capsys, "evaluate", "biped/seed0")
     assert "its folder pretrained" in refused(capsys, "checkpoints")
+    (tmp_path / "pretrained/biped").mkdir(parents=True)
+    (tmp_path / "pretrained/biped/seed0.safetensors").touch()
+    for command in (["replay"], ["export", "-o", tmp_path / "a.csv"]):
+        assert "in designrl's repository alone" in refused(capsys, *command, "biped/seed0")
 
 
 def test_evaluate_takes_a_file_and_says_what_it_wants(checkpoint):

@@ -1,3 +1,6 @@
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +10,7 @@ from designrl.bodies.ant import ANT
 from designrl.bodies.walker import WALKER, leg_area
 from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
+from designrl.experiments import get_experiment
 from reproduce.paths import paper
 
 
@@ -68,3 +72,59 @@ def test_reward_factor_is_one_for_the_original_and_grows_as_legs_shrink():
 def test_a_wrong_design_is_refused_by_name(scales, words):
     with pytest.raises(InputError, match=words):
         WALKER.design.validate(scales)
+
+
+LIMITS = {
+    "limit": ({"limit": 0.5}, 0.5, 1.5),
+    "bounds": ({"bounds": (0.5, [1.0, 2.0, 3.0, 4.0] * 2)}, 0.5, [1.0, 2.0, 3.0, 4.0] * 2),
+    "lognormal": ({"form": "lognormal"}, 0.25, 4.0),
+    "narrow lognormal": ({"form": "lognormal", "limit": 2.0}, 0.5, 2.0),
+}
+
+
+@pytest.mark.parametrize(("limits", "low", "high"), LIMITS.values(), ids=LIMITS)
+def test_limits_are_data(limits, low, high):
+    space = replace(WALKER.design, **limits)
+    ends = [space.scales(np.full(8, p)).tolist() for p in (-1e300, 0.0, 1e300)]
+    assert ends == [np.broadcast_to(x, 8).tolist() for x in (low, 1.0, high)]
+    p = np.random.default_rng(0).normal(0.0, 2.0, (100, 8))
+    scales = space.scales(p)
+    if "form" in limits:
+        np.testing.assert_allclose(scales, np.clip(np.exp(p), low, high))
+    else:
+        reach = np.where(p < 0, 1 - np.array(low), np.array(high) - 1)
+        np.testing.assert_allclose(scales, 1 + reach * np.tanh(p))
+    for row in scales:
+        space.validate(row)
+        np.testing.assert_array_equal(space.scales(p[0]), scales[0])  # alone as among others
+    kept = json.loads(json.dumps(space.limits))
+    again = get_experiment("biped-morphology").space(kept)
+    np.testing.assert_array_equal(again.scales(p), scales)
+
+
+def test_the_papers_limits_keep_their_bits():
+    p = np.random.default_rng(0).normal(0.0, 2.0, (100, 36))
+    np.testing.assert_array_equal(ANT.design.scales(p), 1.0 + 0.75 * np.tanh(p))
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ({"form": "normal"}, "one of bounded, lognormal"),
+        *(({"limit": limit}, "above 0 and at most 0.99") for limit in (0, 1.0, -1, np.nan)),
+        *(({"form": "lognormal", "limit": x}, "above 1 and at most 100") for x in (0, 1, 101)),
+        *(
+            ({"bounds": bounds}, "lowest scale, from 0.01 to 1")
+            for bounds in (0.5, (0.5,), (1.1, 2), (0.1, 0.9), (0, 2), ("a", 2), ([0.5] * 7, 2))
+        ),
+    ],
+)
+def test_wrong_limits_are_refused(limits, words):
+    with pytest.raises(InputError, match=words):
+        replace(WALKER.design, **limits)
+
+
+def test_a_scale_beyond_its_own_bounds_is_refused():
+    space = WALKER.design.within(([0.5] * 7 + [0.9], 2.0))
+    with pytest.raises(InputError, match=r"bottom leg 2 height\) is 0.8; it must be in \[0.9, 2.0"):
+        space.validate([0.8] * 8)

@@ -29,6 +29,7 @@ from designrl.verify.episodes import (
     make_cases,
     run_engine,
     run_reference,
+    with_other_limits,
 )
 
 NETWORK = Network((24, 40, 40, 4))  # the walkers' own
@@ -69,6 +70,13 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("case", make_cases(32, seed=3), ids=lambda case: f"seed{case.seed}")
 def test_every_observation_and_the_return_equal_box2d(case):
+    assert compare(case)[1] is None
+
+
+@pytest.mark.parametrize(
+    "case", with_other_limits(make_cases(24, seed=4)), ids=lambda case: f"seed{case.seed}"
+)
+def test_bodies_of_other_limits_equal_box2d(case):
     assert compare(case)[1] is None
 
 
@@ -369,3 +377,8 @@ def test_interrupts_at_any_moment_leave_a_working_engine():
             interrupt_after(delay)
             rollout(FLAT, **batch, threads=2)
     assert rollout(FLAT, **random_batch(2, 1, std=1.0), threads=2)[0].shape == (2, 1)
+
+
+def test_an_engine_of_other_sources_than_are_beside_it_is_not_used(monkeypatch):
+    monkeypatch.setattr(engine, "engine_hash", lambda: "of edited sources")
+    assert "compiled from other sources" in engine._load.__wrapped__()

@@ -245,3 +245,21 @@ def test_a_copy_has_the_design_that_was_set(env_id, set_by):
     for copied in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
         np.testing.assert_array_equal(copied.reset(seed=1)[0], env.reset(seed=1)[0])
         np.testing.assert_array_equal(copied.design, design)
+
+
+def test_bounds_of_the_design_are_the_environments_own(env_id):
+    size = make(env_id).unwrapped.body.design.size
+    large = np.linspace(0.3, 3.9, size)
+    env = make(env_id, design=large, design_bounds=(0.25, 4.0))
+    np.testing.assert_array_equal(env.unwrapped.design, large)
+    for copied in (copy.deepcopy(env), pickled(env)):
+        np.testing.assert_array_equal(copied.unwrapped.design, large)
+        np.testing.assert_array_equal(trajectory(copied, 2), trajectory(env, 2))
+        copied.reset(seed=0, options={"design": np.full(size, 4.0)})
+    for refusing in (env, gymnasium.make_vec(env_id, 2, design_bounds=(0.25, 4.0))):
+        with pytest.raises(InputError, match=r"is 4.1; each must be in \[0.25, 4.0\]"):
+            refusing.reset(options={"design": np.full(size, 4.1)})
+    with pytest.raises(InputError, match="the highest, from 1 to 100"):
+        make(env_id, design_bounds=(0.25, 0.5))
+    with pytest.raises(InputError, match='bodies of 0.05 to 5 times.*"sync" runs single'):
+        gymnasium.make_vec(env_id, 2, design_bounds=(0.25, 5.1))

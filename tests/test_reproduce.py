@@ -77,7 +77,9 @@ def project(tmp_path, monkeypatch):
 def pretrain(project, experiment: str, name: str = "seed0", seed: int = 0):
     path = project / "pretrained" / experiment / f"{name}.safetensors"
     path.parent.mkdir(parents=True, exist_ok=True)
-    save(random_agent(experiment, seed), path)
+    agent = random_agent(experiment, seed)
+    agent.metadata["seed"] = paths.seed_of(name)
+    save(agent, path)
     return path
 
 
@@ -143,6 +145,27 @@ def test_a_command_that_is_stopped_ends_with_a_sentence(
     assert end.value.code.startswith(f"{name}: {said}")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda kept, other: kept | {"returns": kept["returns"][:3]},
+        lambda kept, other: kept | {"returns": [float("nan")] * 100},
+        lambda kept, other: kept | {"returns": [9000.0, *kept["returns"][1:]]},
+        lambda kept, other: other,
+        lambda kept, other: {},
+    ],
+)
+def test_a_kept_score_that_is_not_what_was_kept_is_played_again(project, capsys, change):
+    files = [(pretrain(project, "biped", f"seed{k}", seed=k), "biped") for k in range(2)]
+    entry, other = (scores.kept_at(scores.depends_on(s, "engine")) for s in scores.score_all(files))
+    before = entry.read_text()
+    entry.write_text(json.dumps(change(json.loads(before), json.loads(other.read_text()))))
+    scores.score_all(files)
+    assert entry.read_text() == before
+    said = f"{paths.shown(entry)} is not what was kept there; pretrained/biped/seed0.safetensors is"
+    assert capsys.readouterr().err.count(said) == 1
+
+
 # ------------------------------------------------------------------------------- what is committed
 
 
@@ -204,12 +227,12 @@ def test_readme_has_the_committed_results():
 
 def test_whatever_an_item_needs_makes_it_again_when_it_changes(project, monkeypatch):
     assert build.make("table1") and build.make("figure2") and build.make("table2")
-    path = pretrain(project, "ant-morphology")
+    pretrain(project, "ant-morphology")
     assert build.make("table1")
     (project / "paper/tables/table1.tex").unlink()
     assert build.make("table1")
     assert [build.make(name) for name in ("table1", "figure2", "table2")] == [None] * 3
-    save(random_agent("ant-morphology", seed=1), path)
+    pretrain(project, "ant-morphology", seed=1)
     before = (project / "paper/tables/table1.csv").read_text()
     assert build.make("table1")
     assert (project / "paper/tables/table1.csv").read_text() != before
@@ -270,6 +293,17 @@ def test_readme_table_is_put_between_its_marks(project):
     assert "Flat ground: not known" in text
     (project / "README.md").write_text(text.replace("345", "999"))
     assert build.make("readme") and (project / "README.md").read_text() == text
+
+
+def test_a_table_that_is_not_as_it_was_made_is_made_again_before_it_is_shown(project, capsys):
+    pretrain(project, "biped")
+    build.make("table3")
+    table = project / "paper/tables/table3.csv"
+    before = table.read_text()
+    table.write_text(before.replace("345", "999"))
+    build.make("readme")
+    assert "not as `make reproduce-table3` made it" in capsys.readouterr().err
+    assert table.read_text() == before and "999" not in (project / "README.md").read_text()
 
 
 def test_unknown_item_is_named():
@@ -435,7 +469,7 @@ def test_learning_curve_is_the_recordings(trained, project):
     path = project / "logs" / "biped" / "seed0" / "generations.mcap"
     path.parent.mkdir(parents=True)
     shutil.copyfile(trained / "generations.mcap", path)
-    run = runs.read_run(path)
+    run = runs.read_published(path)
     assert run.generation.tolist() == [0, 1, 2, 3, 4] and run.tested.tolist() == [1, 3, 4]
     assert (np.diff(run.steps) > 0).all() and (np.diff(run.core_hours) > 0).all()
     assert read(path).array("/evaluation", "scores").shape == (3, 4)
@@ -444,6 +478,23 @@ def test_learning_curve_is_the_recordings(trained, project):
     panels = figure5.curves(("biped", "ant")).axes
     labels = tuple(panel.get_xlabel() for panel in panels[len(panels) // 2 :])
     assert labels == figure5.AXES
+
+
+@pytest.mark.parametrize("place", ["biped-hardcore/seed0", "biped/seed1", "biped/paper-seed2"])
+def test_what_is_of_another_run_than_its_name_says_is_not_used(trained, project, place):
+    experiment, name = place.split("/")
+    checkpoint = project / "pretrained" / f"{place}.safetensors"
+    recording = paths.recording_of(checkpoint)
+    for path, file in ((checkpoint, "best.safetensors"), (recording, "generations.mcap")):
+        path.parent.mkdir(parents=True)
+        shutil.copyfile(trained / file, path)
+    assert f"{name}.safetensors is of " in scores.score(checkpoint, experiment).problem
+    found, missing = figure5.read_runs(experiment, "label")
+    assert not found
+    said = (
+        f"not drawn (logs/{place}/generations.mcap is of biped, seed 0, not of {experiment}, seed"
+    )
+    assert said in missing[0]
 
 
 # ------------------------------------------------------------------------------------- publishing
@@ -514,6 +565,16 @@ def test_another_run_is_published_only_when_asked(published_run, project):
     assert checkpoint.read_bytes() == (run / "best.safetensors").read_bytes()
 
 
+def test_an_index_that_names_another_experiment_leaves_what_is_published(published_run, project):
+    run, _ = published_run
+    index = project / "pretrained/index.json"
+    index.write_text(json.dumps(json.loads(index.read_text()) | {"hopper/seed0": {}}))
+    before = contents(project)
+    with pytest.raises(SystemExit, match="index.json names hopper/seed0, .*; take it out"):
+        publish.main([str(run)])
+    assert contents(project) == before
+
+
 # ----------------------------------------------------------------------------------------- report
 
 
@@ -548,6 +609,9 @@ def anchors(text: str) -> set[str]:
 
 
 # ------------------------------------------------------------------------------------- PPO's curves
+
+
+NO_ENGINE = "import designrl.engine as e; e._load = lambda: 'the engine is not there'; "
 
 
 def write_curve(folder, task, body, seed, text):
@@ -589,8 +653,8 @@ def test_ppos_answer_compares_the_bodies_at_the_end_and_over_the_training(projec
     "text, message",
     [
         ("steps,mean\n0,1\n7,2\n", "has other steps than seed0.csv"),
-        ("steps,mean\n0,high\n", "is not a curve of examples/ppo.py"),
-        ("a,b\n0,1\n", "is not a curve of examples/ppo.py"),
+        ("steps,mean\n0,high\n", "is not a curve of train_ppo.py"),
+        ("a,b\n0,1\n", "is not a curve of train_ppo.py"),
     ],
 )
 def test_curves_that_do_not_fit_are_named(project, text, message):
@@ -604,22 +668,38 @@ def test_curves_that_do_not_fit_are_named(project, text, message):
 def test_ppo_writes_a_curve_that_the_figure_reads(project):
     body = pretrain(project, "biped-hardcore-morphology")
     out = project / "paper/transfer/hardcore/learned/seed3.csv"
-    command = [sys.executable, ROOT / "examples/ppo.py", "--hardcore", "--seed", "3", "--design"]
+    command = [sys.executable, "-m", "reproduce.train_ppo", "--hardcore", "--seed", "3", "--design"]
     command += [body, "--steps", "256", "--episodes", "4", "--out", out]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    said = {"cwd": ROOT, "capture_output": True, "text": True, "timeout": 300}
+    subprocess.run(command, check=True, **said)
     steps, means = transfer.read_curves([out])
     assert steps.tolist() == [0, 256] and np.isfinite(means).all()
     assert file_hash(body) in out.read_text()
     transfer.figures(Sources())
-    missing = "import designrl.engine as e; e._load = lambda: 'the engine is not there'; "
-    missing += "import runpy, sys; del sys.argv[0]; runpy.run_path(sys.argv[0], None, '__main__')"
+    missing = f"{NO_ENGINE}import runpy; runpy.run_module('reproduce.train_ppo', None, '__main__')"
     slow = project / "slow.csv"
-    without = [sys.executable, "-c", missing, *command[1:-1], slow]
-    found = subprocess.run(without, check=True, capture_output=True, text=True, timeout=300)
+    without = [sys.executable, "-c", missing, *command[3:-1], slow]
+    found = subprocess.run(without, check=True, **said)
     assert "the engine is not there; stepping single environments" in found.stderr
     assert slow.read_text().splitlines()[1:] == out.read_text().splitlines()[1:]
     for change in ({body: out}, {body: pretrain(project, "ant")}, {out: project}):
         changed = [change.get(word, word) for word in command]
-        wrong = subprocess.run(changed, capture_output=True, text=True, timeout=300)
+        wrong = subprocess.run(changed, **said)
         assert wrong.returncode == 2
-        assert "ppo.py: error: " in wrong.stderr and "Traceback" not in wrong.stderr
+        assert "train_ppo: error: " in wrong.stderr and "Traceback" not in wrong.stderr
+
+
+@pytest.mark.parametrize("before", ["", NO_ENGINE])
+def test_ppos_example_runs_on_the_engine_and_without_it(before):
+    code = (ROOT / "examples/ppo.py").read_text()
+    for long, short in (
+        ("100_000", "1"),
+        ("n_steps=512", "n_steps=4"),
+        ("episodes=20", "episodes=1"),
+    ):
+        assert long in code
+        code = code.replace(long, short)
+    command = [sys.executable, "-c", f"{before}exec({code!r})"]
+    found = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
+    assert re.search(r"-?\d+\.\d ± \d+\.\d points$", found.stdout.strip())
+    assert ("the engine is not there" in found.stdout) == bool(before)

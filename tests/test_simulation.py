@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -142,6 +143,32 @@ def test_an_agent_passes_over_no_design_that_was_chosen():
         for use in (partial(agent.start, env, 0), partial(evaluate, agent, 1)):
             with pytest.raises(InputError, match="8 scales|did you mean 'top leg 1 width'|is 2.0"):
                 use(design=wrong)
+
+
+def test_bodies_beyond_the_engines_run_on_the_reference(capsys):
+    experiment = get_experiment("biped-morphology")
+    space = replace(experiment.body.design, form="lognormal", limit=8.0)
+    with Simulator(experiment, space=space) as simulator:
+        assert simulator.backend == "reference"
+    said = capsys.readouterr().err
+    assert said.startswith(
+        "designrl: the compiled engine is verified for bodies of 0.05 to 5 times"
+    )
+    with Simulator(experiment, space=replace(space, limit=4.0)) as simulator:
+        assert simulator.backend == "engine"
+        parameters = candidates(experiment.name, 1)
+        with pytest.raises(InputError, match=r"is 4.5; each must be in \[0.25, 4.0\]"):
+            simulator.rollout(parameters, [[0]], design=[4.5] * 8)
+        found = simulator.rollout(parameters, [[0]], design=[3.5] * 8)
+    agent = Agent(experiment, parameters[0])
+    wide = {"design": [3.5] * 8, "design_bounds": (0.25, 4.0)}
+    env = gymnasium.make(experiment.env_id, design_bounds=(0.25, 4.0))
+    played = sum(step.reward for step in agent.play(env, 0, [3.5] * 8))
+    assert played == pytest.approx(found.returns[0, 0])
+    for backend in ("engine", "reference"):
+        assert evaluate(agent, 1, backend=backend, **wide).design[0] == 3.5
+    with pytest.raises(InputError, match=r"is 3.5; each must be in \[0.25, 1.75\]"):
+        evaluate(agent, 1, design=[3.5] * 8)
 
 
 def test_fewer_episodes_are_the_first_of_more():

@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+import designrl
 from designrl import cli, plan, simulation
 from designrl import train as train_module
 from designrl.checkpoint import STATE_FORMAT, describe, load, read_tensors, write_tensors
@@ -47,6 +48,13 @@ def undisturbed(tmp_path_factory):
     return folder
 
 
+def test_what_recorded_rollouts_lack_is_said_before_anything_is_trained(tmp_path, monkeypatch):
+    monkeypatch.setattr("designrl.envs.ant.pybullet", None)
+    with pytest.raises(InputError, match="single ants need PyBullet"):
+        train(tmp_path / "run", "ant")
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_runs_folder_holds_what_the_design_says(undisturbed):
     names = {path.name for path in undisturbed.iterdir()} - {".lock"}
     assert names == {"best.safetensors", "state.safetensors", "generations.mcap", "rollouts"}
@@ -54,7 +62,8 @@ def test_a_runs_folder_holds_what_the_design_says(undisturbed):
     assert agent.metadata["seed"] == 0
     assert agent.metadata["settings"]["population"] == 4
     assert agent.metadata["generation"] in (2, 4, 5)
-    assert {"designrl", "box2d-py"} <= agent.metadata["versions"].keys()
+    versions = agent.metadata["versions"].keys()
+    assert "designrl" in versions and {"box2d-py", "box2d"} & versions
     np.testing.assert_array_equal(agent.parameters, agent.parameters.round(4))
     text = describe(undisturbed / "state.safetensors")
     assert "biped-morphology" in text and "generation       5\n" in text
@@ -530,3 +539,43 @@ def test_a_dry_run_refuses_what_does_not_fit_on_the_disk(tmp_path, monkeypatch):
     run = TrainingRun(settings(generations=10**6), tmp_path, backend="reference")
     with pytest.raises(InputError, match=r"will take .*GB and 2\.00GB are free"):
         plan.dry_run(run)
+
+
+@pytest.mark.parametrize("name", ["biped-morphology-smaller-leg", "ant-morphology"])
+@pytest.mark.parametrize("form", ["bounded", "lognormal"])
+def test_other_limits_train_to_the_same_bytes_on_engine_and_reference(name, form, tmp_path):
+    limits = {"design_form": form, "design_limit": 0.5 if form == "bounded" else None}
+    changes = {**limits, "generations": 2, "sigma_start": 2.0}
+    for backend in ("engine", "reference"):
+        TrainingRun(settings(name, **changes), tmp_path / backend, 1, backend).run()
+    one, two = (tmp_path / backend / "best.safetensors" for backend in ("engine", "reference"))
+    assert file_hash(one) == file_hash(two)
+    agent, recording = load(one), read(tmp_path / "engine/generations.mcap")
+    bounds = [0.5, 1.5] if form == "bounded" else [0.25, 4.0]
+    assert agent.env_kwargs == {"design_bounds": bounds}
+    assert recording.about("limits") == {"form": form, "bounds": bounds}
+    sizes = recording.array("/design", "upper") / agent.experiment.body.design.originals
+    assert 1.75 * (form == "lognormal") < sizes.max() <= bounds[1]
+    assert f"--design-form {form}" in agent_command(agent)
+    with pytest.raises(InputError, match="with design_(limit|form) = .*, not None"):
+        train(tmp_path / "engine", name, resume=True, generations=2, sigma_start=2.0)
+    scores = [designrl.evaluate(one, 2, backend=b).scores.tolist() for b in ("engine", "reference")]
+    assert scores[0] == scores[1]
+
+
+def agent_command(agent):
+    return TrainSettings(**agent.metadata["settings"]).command()
+
+
+def test_limits_that_a_body_cannot_have_are_refused():
+    for experiment, changes, words in (
+        ("biped", {"design_limit": 0.5}, "biped learns no body"),
+        ("ant", {"design_form": "lognormal"}, "ant learns no body"),
+        ("ant-morphology", {"design_limit": 1.5}, "above 0 and at most 0.99"),
+        ("biped-morphology", {"design_form": "cubic"}, "one of bounded, lognormal"),
+        ("biped-morphology", {"design_limit": "wide"}, "design-limit is 'wide'; it must be a num"),
+    ):
+        with pytest.raises(InputError, match=words):
+            TrainSettings.of(experiment, **changes)
+    plain = TrainSettings.of("biped-morphology")
+    assert "design_limit" not in plain.as_dict() and "design_form" not in plain.as_dict()

@@ -104,7 +104,7 @@ def test_what_cannot_be_filmed_is_one_sentence(run, tmp_path, monkeypatch):
         with pytest.raises(InputError, match=problem):
             video.record_video(agent, tmp_path / name, seed=0)
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(InputError, match=r"needs PyAV \(pip install av\)"):
+    with pytest.raises(InputError, match=r"PyAV \(for .mp4.*designrl\[video\]"):
         video.record_video(agent, tmp_path / "a.mp4", seed=0)
     record_rollout(agent, tmp_path / "a.mcap", seed=0)
     for source in (tmp_path / "a.mcap", tmp_path):

@@ -1,3 +1,8 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -90,3 +95,37 @@ def test_rgb_array_shows_the_body():
 def test_an_unknown_lidar_is_refused():
     with pytest.raises(InputError, match="lidar"):
         gymnasium.make(IDS[0], lidar="v4")
+
+
+def test_box2d_and_box2d_py_give_the_same_bits():
+    other = Path(__file__).parents[1] / "build/box2d"
+    if not other.is_dir():
+        pytest.skip("needs pip install --no-deps --target build/box2d box2d==2.3.10")
+    code = """
+import hashlib, Box2D, gymnasium, numpy as np, designrl
+rng, played = np.random.default_rng(0), hashlib.sha256()
+for name in ("biped-morphology", "biped-hardcore-morphology"):
+    agent = designrl.load(f"{name}/seed0")
+    env = gymnasium.make(agent.experiment.env_id)
+    for seed in range(3):
+        options = {"design": agent.scales if seed == 0 else rng.uniform(0.25, 1.75, 8)}
+        observation, _ = env.reset(seed=seed, options=options)
+        for t in range(300):
+            observation, reward, terminated, *_ = env.step(agent.act(observation, t))
+            played.update(observation.tobytes() + np.float64(reward).tobytes())
+            if terminated:
+                break
+print(Box2D.__file__, t, played.hexdigest())
+"""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | {"PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.split()
+        for path in ("", str(other))
+    ]
+    (one, *bits), (another, *others) = said
+    assert one != another and bits == others

@@ -6,7 +6,6 @@ Box2D's y is z here. The names are the paper's. The parts have no depth; they ar
 import math
 
 import numpy as np
-from PIL import Image, ImageDraw
 
 from designrl.bodies import (
     GROUND_COLOR,
@@ -18,6 +17,7 @@ from designrl.bodies import (
     urdf,
 )
 from designrl.design import DesignSpace
+from designrl.errors import optional
 
 SCALE = 30.0  # Box2D units of the dimensions per m
 HULL = ((-30, 9), (6, 9), (34, 1), (34, -8), (-30, -8))  # corners, in 1/30 m (Gymnasium's)
@@ -133,6 +133,8 @@ class WalkerBody(Body):
 
     def picture(self, env) -> np.ndarray:
         """The body from its side, as large as its legs allow; the eye follows it."""
+        with optional("the walker's picture", "reference"):
+            from PIL import Image, ImageDraw
         profile, obstacles = self.terrain(env)
         legs = self.design.dimensions(env.design)[1::2].reshape(2, 2).sum(axis=1).max() / SCALE
         width, height = np.multiply(PICTURE_SIZE, SMOOTHING)

@@ -23,7 +23,7 @@ import numpy as np
 
 from designrl.errors import InputError
 from designrl.numeric import real_numbers, whole_number, whole_numbers
-from designrl.provenance import core_count
+from designrl.provenance import core_count, engine_hash
 
 ISA_VARIABLE = "DESIGNRL_ENGINE_ISA"  # one of these; by default the best there is
 INSTRUCTION_SETS = ("portable", "sse2", "avx2", "avx512")
@@ -93,6 +93,7 @@ class _Stepping(ctypes.Structure):
 
 
 _FUNCTIONS = {  # of native/api.cpp: result and arguments
+    "engine_sources": (c_char_p, ()),
     "engine_batch_bytes": (c_int64, ()),
     "engine_isa": (c_char_p, (c_char_p,)),
     "engine_describe": (c_char_p, (c_char_p, c_void_p)),
@@ -122,6 +123,11 @@ def _load() -> ctypes.CDLL | str:
             function.restype, function.argtypes = result, arguments
     except (OSError, AttributeError) as error:
         return f"the compiled engine does not load ({error})"
+    if library.designrl_engine_sources().decode() != engine_hash():
+        return (
+            f"{path} was compiled from other sources than are beside it (build it again with "
+            "`make setup`, or install designrl again)"
+        )
     found = library.designrl_engine_batch_bytes(), library.designrl_stepping_bytes()
     if found != (ctypes.sizeof(_Batch), ctypes.sizeof(_Stepping)):
         return "the compiled engine is of another version (install designrl again)"

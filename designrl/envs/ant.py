@@ -29,7 +29,7 @@ from designrl.bodies.ant import (
 from designrl.envs import tasks
 from designrl.envs.inputs import HasDesign
 from designrl.envs.vector import EngineVectorEnv
-from designrl.errors import InputError
+from designrl.errors import InputError, MissingPartError
 
 
 def _sum(values) -> float:
@@ -66,8 +66,11 @@ def _silence():
         os.close(sink)
 
 
-with _silence():
-    import pybullet
+try:
+    with _silence():
+        import pybullet
+except ImportError:  # `VectorAnt` needs none, and `Ant` says so
+    pybullet = None
 
 REWARD_TERMS = ("alive", "progress", "electricity", "stall", "joint_limits", "foot_collision")
 
@@ -187,9 +190,11 @@ class Ant(HasDesign, gymnasium.Env):
     Truncated by the registered time limit: 1000 steps.
 
     ## Arguments
-    - `design`: (36,) scales in [0.25, 1.75], in the order of
+    - `design`: (36,) scales between the bounds, in the order of
       `designrl.bodies.ant.ANT.design.names`; None is the original body.
       `reset(options={"design": scales})` changes it from then on.
+    - `design_bounds`: the lowest and the highest scale, two numbers or two of (36,); None is
+      [0.25, 1.75], the paper's.
     - `render_mode`: "rgb_array" (PyBullet's software renderer, 640 x 480) or None.
 
     ## Besides Gymnasium
@@ -208,14 +213,20 @@ class Ant(HasDesign, gymnasium.Env):
     body = ANT
     metadata = {"render_modes": ["rgb_array"], "render_fps": 60}
 
-    def __init__(self, design=None, render_mode: str | None = None):
-        EzPickle.__init__(self, design, render_mode)
+    def __init__(
+        self, design=None, design_bounds: tuple | None = None, render_mode: str | None = None
+    ):
+        EzPickle.__init__(self, design, design_bounds, render_mode)
         self._client = -1  # before anything that can fail: close() looks at it
+        if pybullet is None:
+            raise MissingPartError(
+                "single ants need PyBullet, which is not installed; install designrl[reference] "
+                "(from Python 3.12 on pybullet, too; it is compiled), or in a clone run make setup"
+            )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f'render_mode is {render_mode!r}; it must be "rgb_array" or None')
         self.render_mode = render_mode
-        self._take_design(np.ones(ANT.design.size) if design is None else design)
-        self.given_design = None if design is None else self.design
+        self._set_design(design, design_bounds)
         self.observation_space, self.action_space = ant_spaces()
         self._loaded: np.ndarray | None = None  # the design that the Bullet world holds
 

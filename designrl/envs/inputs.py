@@ -55,8 +55,8 @@ class HasDesign(EzPickle):
     An environment defines `_start_episode()`, which begins an episode in its `design` with its
     `np_random` and returns an observation, and `_advance(action)`, a step.
 
-    The design is the first argument of `EzPickle.__init__`, which comes before it is set; the
-    render mode is the last.
+    Its constructor calls `EzPickle.__init__`, of which the design is the first argument and the
+    render mode the last, and then `_set_design`.
     """
 
     body: Body
@@ -186,8 +186,13 @@ class HasDesign(EzPickle):
         self._take_design(scales)
         self.given_design = self._design
 
+    def _set_design(self, design, bounds) -> None:
+        self._space = self.body.design.within(bounds)
+        self._take_design(np.ones(self._space.size) if design is None else design)
+        self.given_design = None if design is None else self._design
+
     def _take_design(self, scales) -> None:
-        self._design = self.body.design.validate(scales)
+        self._design = self._space.validate(scales)
         self._design.setflags(write=False)
         self._ezpickle_args = self._design, *self._ezpickle_args[1:]  # what a copy is made with
 

@@ -1,4 +1,4 @@
-"""The vector environments for Stable-Baselines3 (which `make setup` installs).
+"""The vector environments for Stable-Baselines3 (the extra sb3; in a clone, `make setup-train`).
 
     from designrl.envs.sb3 import EngineVecEnv
 
@@ -14,12 +14,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import VecEnv
 
 from designrl.envs.inputs import checked_options
 from designrl.envs.tasks import engine_reason
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.numeric import whole_number
+
+with optional("Stable-Baselines3", "sb3", "make setup-train"):
+    from stable_baselines3.common.vec_env import VecEnv
 
 
 class EngineVecEnv(VecEnv):

@@ -60,6 +60,7 @@ class EngineVectorEnv(VectorEnv):
     Args of `gymnasium.make_vec`, besides those of the single environment:
         num_envs: N.
         design: (D,) scales of all bodies, or (N, D) of each.
+        design_bounds: as of a single environment.
         threads: operating system threads; None: one per processor. Results do not depend on it.
         autoreset_mode: a `gymnasium.vector.AutoresetMode`, or its name.
         max_episode_steps: another time limit; -1: none.
@@ -99,12 +100,14 @@ class EngineVectorEnv(VectorEnv):
         reward_terms: tuple[str, ...],
         max_episode_steps: int = -1,
         design=None,
+        design_bounds: tuple | None = None,
         threads: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: None = None,
         flat_info: bool = False,
     ):
-        if reason := world.engine_reason():
+        space = body.design.within(design_bounds)
+        if reason := world.engine_reason(space):
             raise InputError(
                 f'{reason}; vectorization_mode="sync" runs single ones, of one design, without '
                 "threads= and with autoreset_mode in vector_kwargs"
@@ -127,7 +130,7 @@ class EngineVectorEnv(VectorEnv):
         self.num_envs, self.flat_info = num_envs, bool(flat_info)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = spaces
-        self._design_space, self.reward_terms = body.design, reward_terms
+        self._design_space, self.reward_terms = space, reward_terms
         try:
             self.observation_space, self.action_space = (batch_space(s, num_envs) for s in spaces)
             original = np.ones(body.design.size)

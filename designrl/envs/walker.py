@@ -4,16 +4,7 @@ from functools import reduce
 from operator import add
 
 import numpy as np
-from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
 from gymnasium import spaces
-from gymnasium.envs.box2d.bipedal_walker import (
-    HULL_FD,
-    LEG_DOWN,
-    MOTORS_TORQUE,
-    SCALE,
-    TERRAIN_HEIGHT,
-    BipedalWalker,
-)
 from gymnasium.utils import EzPickle
 from gymnasium.vector import VectorEnv
 
@@ -21,6 +12,20 @@ from designrl.bodies.walker import WALKER
 from designrl.envs.inputs import HasDesign
 from designrl.envs.tasks import FLAT, is_closest_lidar, leg_area_reward_factor
 from designrl.envs.vector import EngineVectorEnv
+from designrl.errors import optional
+
+try:
+    from Box2D import b2FixtureDef, b2PolygonShape, b2RayCastCallback, b2World
+    from gymnasium.envs.box2d.bipedal_walker import (
+        HULL_FD,
+        LEG_DOWN,
+        MOTORS_TORQUE,
+        SCALE,
+        TERRAIN_HEIGHT,
+        BipedalWalker,
+    )
+except ImportError:  # `VectorWalker` needs none of it, and `Walker` says so
+    b2RayCastCallback = b2World = BipedalWalker = object  # noqa: N816
 
 REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
 
@@ -160,9 +165,11 @@ class Walker(HasDesign, BipedalWalker):
     Truncated by the registered time limit: 1600 steps, hardcore 2000.
 
     ## Arguments
-    - `design`: (8,) scales in [0.25, 1.75], in the order of
+    - `design`: (8,) scales between the bounds, in the order of
       `designrl.bodies.walker.WALKER.design.names`; None is the original body.
       `reset(options={"design": scales})` changes it from then on.
+    - `design_bounds`: the lowest and the highest scale, two numbers or two of (8,); None is
+      [0.25, 1.75], the paper's.
     - `lidar`: "v2", the task of the paper: a ray stops at the first ground fixture that Box2D
       reports, which is not always the closest one. "v3": at the closest, as in Gymnasium.
     - `leg_area_reward`: multiply the rewards, except that of a fall, by 1 + ln(original leg area /
@@ -186,14 +193,17 @@ class Walker(HasDesign, BipedalWalker):
         lidar: str = "v2",
         leg_area_reward: bool = False,
         hardcore: bool = False,
+        design_bounds: tuple | None = None,
         render_mode: str | None = None,
     ):
+        with optional("single walkers", "reference"):
+            import Box2D  # noqa: F401
         self._closest_hits = is_closest_lidar(lidar)
         super().__init__(render_mode=render_mode, hardcore=hardcore)
-        EzPickle.__init__(self, design, lidar, leg_area_reward, hardcore, render_mode)
+        settings = lidar, leg_area_reward, hardcore, design_bounds
+        EzPickle.__init__(self, design, *settings, render_mode)
         self.leg_area_reward = leg_area_reward
-        self._take_design(np.ones(WALKER.design.size) if design is None else design)
-        self.given_design = None if design is None else self.design
+        self._set_design(design, design_bounds)
 
         self.observation_space, self.action_space = walker_spaces()
 

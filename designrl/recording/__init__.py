@@ -11,6 +11,17 @@
 What the messages hold, with units, is in `schema.proto` beside this file.
 """
 
+from designrl.errors import optional
+
+with optional("recordings", "view"):
+    import foxglove_schemas_protobuf.FrameTransforms_pb2  # noqa: F401
+    import lz4.frame  # noqa: F401
+    import mcap.writer  # noqa: F401
+    import mcap_protobuf.schema  # noqa: F401
+    import zstandard  # noqa: F401
+
+    import designrl.recording.schema_pb2  # noqa: F401 (an old protobuf refuses it)
+
 from designrl.recording.mcap_file import RecordingError
 from designrl.recording.reader import Recording, describe, read
 from designrl.recording.rollout import RolloutWriter, record_rollout

@@ -161,7 +161,8 @@ def record_rollout(
     """
     seed = whole_number("the seed", seed, 0)
     space, scales = agent.experiment.body.design, agent.body_with(design)
-    env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True)
+    env_id = agent.experiment.env_id
+    env = gymnasium.make(env_id, disable_env_checker=True, **agent.env_kwargs)
     about = {
         "experiment": agent.experiment.name,
         "seed": seed,

@@ -69,7 +69,8 @@ class RunWriter:
 
     Args:
         path: the file; replaced if it exists, unless `resume_generation` is given.
-        metadata: what to say of the run; "experiment" names it and the body's dimensions.
+        metadata: what to say of the run; "experiment" names it and the body's dimensions, "limits"
+            are theirs, as JSON, where they are not the body's own.
         resume_generation: keep what an existing file holds of the generations before this one,
             drop the rest, and go on. Where some of them are missing, because the file was cut or
             removed, a line on stderr and the metadata record "resumed" say so. The metadata stays,
@@ -82,7 +83,9 @@ class RunWriter:
 
     def __init__(self, path: str | Path, metadata: dict, resume_generation: int | None = None):
         experiment = get_experiment(metadata["experiment"])
-        self._body, self._design = experiment.body, experiment.design
+        limits = json.loads(metadata.get("limits", "null"))
+        self._body = experiment.body
+        self._design = experiment.space(limits) if experiment.learns_design else None
         self._scales = None  # of the last generation's mean body
         old = read(path) if resume_generation is not None and Path(path).exists() else None
         if old:

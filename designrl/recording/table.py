@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from designrl.errors import InputError
+from designrl.errors import InputError, optional
 from designrl.files import require_new, write_atomically
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import ROLLOUT, RUN, RecordingError
@@ -127,8 +127,9 @@ def write_table(columns: Table, path: str | Path) -> None:
     """
     check_target(path)
     if Path(path).suffix == ".parquet":
-        import pyarrow
-        import pyarrow.parquet
+        with optional("Parquet", "view"):
+            import pyarrow
+            import pyarrow.parquet
 
         file = pyarrow.BufferOutputStream()
         pyarrow.parquet.write_table(pyarrow.table(columns), file)

@@ -4,8 +4,8 @@
     python -m designrl.verify --episodes 200 --steps 5000 --seed 5
 
 Each episode is run in the Gymnasium environment and in the engine (`designrl.verify.episodes`); a
-third are ants' episodes. Then the vector environments run beside SyncVectorEnv over single ones
-(`designrl.verify.vector`).
+third are ants' episodes, and a third of all is run again on bodies of other limits. Then the vector
+environments run beside SyncVectorEnv over single ones (`designrl.verify.vector`).
 """
 
 import argparse
@@ -15,11 +15,17 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 
-from tqdm import tqdm
-
 from designrl import author, engine
+from designrl.errors import MissingPartError, optional
+from designrl.experiments import get_experiment
 from designrl.provenance import core_count
-from designrl.verify.episodes import compare, full_manifold_case, make_ant_cases, make_cases
+from designrl.verify.episodes import (
+    compare,
+    full_manifold_case,
+    make_ant_cases,
+    make_cases,
+    with_other_limits,
+)
 from designrl.verify.vector import VECTOR_CASES, compare_vector
 
 
@@ -33,12 +39,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the designs, policies and seeds")
     parser.add_argument("--workers", type=int, default=core_count())
     options = parser.parse_args(arguments)
-    if reason := engine.missing_reason():
-        print(f"nothing to verify: {reason}", file=sys.stderr)
+    try:
+        if reason := engine.missing_reason():
+            raise MissingPartError(f"nothing to verify: {reason}")
+        with optional("the comparison", "train"):
+            import Box2D  # noqa: F401
+            import pybullet  # noqa: F401
+            from tqdm import tqdm
+    except MissingPartError as error:
+        print(error, file=sys.stderr)
         return 2
     ants = options.episodes // 3
     cases = make_cases(options.episodes - ants, options.seed)
     cases += make_ant_cases(ants, options.seed)
+    # A third of both again, with bodies of other limits than the paper's.
+    cases += with_other_limits(cases[::3], options.seed)
     cases.append(full_manifold_case())
     if author.zoo() is None:
         print("random policies and our ants only; AUTHOR_ZOO=folder adds the author's")
@@ -49,11 +64,12 @@ def main(arguments: list[str] | None = None) -> int:
         for case, (length, found) in zip(tqdm(cases, unit="episode"), results, strict=True):
             steps += length
             kind = "random" if case.kind == "random" else "trained"
-            counts[kind, case.experiment] += 1
+            space = case.space or get_experiment(case.experiment).body.design
+            counts[kind, case.experiment, space.in_words] += 1
             if found:
                 differences.append((case, found))
-    for (kind, experiment), count in sorted(counts.items()):
-        print(f"{count:6d} episodes, {kind} policies, {experiment}")
+    for (kind, experiment, limits), count in sorted(counts.items()):
+        print(f"{count:6d} episodes, {kind} policies, {experiment}, bodies {limits}")
     print(
         f"{len(cases)} episodes, {steps} steps ({isa}): "
         f"{len(cases) - len(differences)} equal in every bit, {len(differences)} different"

@@ -16,9 +16,11 @@ from gymnasium.wrappers import TransformObservation
 
 from designrl import author
 from designrl.bodies.walker import WALKER
+from designrl.design import DesignSpace
+from designrl.envs.tasks import ENGINE_SCALES
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
 from designrl.names import PRETRAINED, load
-from designrl.policy import Agent
+from designrl.policy import Agent, bounds_kwargs
 from designrl.simulation import Episodes, run_episode
 from designrl.simulation import run_engine as run_episodes
 
@@ -48,6 +50,7 @@ class Case:
         network: where it is another than the experiment's.
         shaped: with shaped rewards.
         env_kwargs: keywords of the environment.
+        space: limits of the body, where they are not the experiment's.
     """
 
     kind: str
@@ -57,6 +60,7 @@ class Case:
     network: Network | None = None
     shaped: bool = False
     env_kwargs: dict = field(default_factory=dict)
+    space: DesignSpace | None = None
 
     @property
     def episodes(self) -> Episodes:
@@ -64,7 +68,9 @@ class Case:
         found = get_experiment(self.experiment)
         network = self.network or found.network
         shaping = found.shaping if self.shaped else None
-        return Episodes(replace(found, network=network), network, self.env_kwargs, shaping)
+        kwargs = bounds_kwargs(found, self.space or found.body.design) | self.env_kwargs
+        experiment = replace(found, network=network)
+        return Episodes(experiment, network, kwargs, shaping, space=self.space)
 
 
 def run_reference(case: Case) -> tuple[float, int, np.ndarray]:
@@ -77,7 +83,7 @@ def run_reference(case: Case) -> tuple[float, int, np.ndarray]:
 
     env_id = episodes.experiment.env_id
     env = gymnasium.make(env_id, disable_env_checker=True, **episodes.env_kwargs)
-    agent = Agent(episodes.experiment, case.parameters, episodes.network)
+    agent = Agent(episodes.experiment, case.parameters, episodes.network, space=case.space)
     env = TransformObservation(env, keep, env.observation_space)
     total, steps = run_episode(env, agent, case.seed, episodes.shaping)
     return total, steps, np.array(seen)
@@ -189,6 +195,39 @@ def make_ant_cases(episodes: int, seed: int = 0) -> list[Case]:
         seed = int(rng.integers(2 ** int(rng.choice([10, 31, 63]))))
         cases.append(Case(kind, name, parameters, seed, network))
     return cases
+
+
+def with_other_limits(cases: list[Case], seed: int = 0) -> list[Case]:
+    """Cases on bodies of other limits: of the author's second form, and of all that the engine has.
+
+    In turn: within the limits, at them, at them or original, and as thin or as thick as they go.
+    """
+    rng = np.random.default_rng(seed)
+    limits = {"form": "lognormal"}, {"bounds": ENGINE_SCALES}
+    changed = []
+    for i, case in enumerate(cases):
+        found = get_experiment(case.experiment)
+        if not found.learns_design:
+            found = next(
+                e for e in EXPERIMENTS.values() if e.learns_design and e.body is found.body
+            )
+        network = case.network or found.network
+        space = replace(found.body.design, **limits[i % 2])
+        designs = (
+            rng.uniform(-1.4, 1.4, space.size),
+            rng.choice([-30.0, 30.0], space.size),
+            rng.choice([-30.0, 0.0, 30.0], space.size),
+            np.full(space.size, rng.choice([-30.0, 30.0])),
+        )
+        parameters = np.concatenate(
+            [case.parameters[: network.num_parameters], designs[i // 2 % len(designs)]]
+        )
+        changed.append(
+            replace(
+                case, experiment=found.name, parameters=parameters, network=network, space=space
+            )
+        )
+    return changed
 
 
 def make_cases(episodes: int, seed: int = 0) -> list[Case]:

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from designrl.bodies.ant import ANT
 from designrl.bodies.walker import WALKER
+from designrl.envs.tasks import ENGINE_SCALES
 
 ANT_ID, FLAT_ID, HARDCORE_ID = (
     f"designrl/{name}-v0" for name in ("Ant", "BipedalWalker", "BipedalWalkerHardcore")
@@ -27,7 +28,8 @@ class VectorCase:
         env_id: of the environment.
         mode: autoreset mode.
         num_envs: N.
-        bodies: "original"; "one" random design for all; "each": N of them.
+        bodies: "original"; "one" random design for all; "each": N of them; within the bounds of the
+            keywords.
         dtype: of the actions.
         kwargs: keywords of the environment.
         seed: of designs, actions, and episodes.
@@ -60,6 +62,9 @@ VECTOR_CASES = (
     VectorCase(ANT_ID, SAME),
     VectorCase(ANT_ID, NEXT, 9, "one", kwargs={"max_episode_steps": 50}),
     VectorCase(ANT_ID, DISABLED, 3, dtype=np.float64),
+    VectorCase(FLAT_ID, SAME, kwargs={"design_bounds": (0.25, 4.0)}),
+    VectorCase(HARDCORE_ID, NEXT, 9, kwargs={"design_bounds": ENGINE_SCALES, **SMALL_LEGS}),
+    VectorCase(ANT_ID, NEXT, kwargs={"design_bounds": (0.25, 4.0)}),
 )
 
 
@@ -68,8 +73,9 @@ def compare_vector(case: VectorCase, steps: int) -> str | None:
     rng = np.random.default_rng(case.seed)
     n, size = case.num_envs, (ANT if case.env_id == ANT_ID else WALKER).design.size
     designs = np.ones((n, size))
+    bounds = case.kwargs.get("design_bounds", (0.25, 1.75))
     if case.bodies != "original":
-        designs[:] = rng.uniform(0.25, 1.75, (n if case.bodies == "each" else 1, size))
+        designs[:] = rng.uniform(*bounds, (n if case.bodies == "each" else 1, size))
     make = partial(gymnasium.make, case.env_id, disable_env_checker=True, **case.kwargs)
     singles = SyncVectorEnv(
         [partial(make, design=design) for design in designs], autoreset_mode=case.mode
@@ -104,7 +110,8 @@ def _compare(envs: tuple[VectorEnv, VectorEnv], case: VectorCase, steps: int, rn
             seeds = [int(s) if s % 2 else None for s in rng.integers(2**63, size=n)]
             options = {}
             if rng.random() < 0.5:
-                options["design"] = rng.uniform(0.25, 1.75, envs[1].design.shape[1])
+                bounds = case.kwargs.get("design_bounds", (0.25, 1.75))
+                options["design"] = rng.uniform(*bounds, envs[1].design.shape[1])
             first, second = (
                 env.reset(seed=seeds, options={**options, "reset_mask": mask}) for env in envs
             )

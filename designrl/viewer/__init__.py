@@ -14,10 +14,14 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 
-from designrl.errors import InputError, remark
+from designrl.errors import InputError, optional, remark
+
+with optional("the viewer", "view"):
+    import rerun as rr
+    import rerun.blueprint as rrb
+    import rerun.experimental  # noqa: F401
+
 from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far

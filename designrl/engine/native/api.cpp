@@ -148,6 +148,9 @@ class Stepper {
 extern "C" {
 
 // Size of Batch, so that a caller written against another layout notices.
+// Of the sources that it was compiled from (designrl/provenance.py).
+const char* designrl_engine_sources() { return ENGINE_SOURCES; }
+
 int64_t designrl_engine_batch_bytes() { return sizeof(Batch); }
 
 // The instruction set that a name stands for ("" or null: the best one), or null if this processor
