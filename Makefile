@@ -52,8 +52,8 @@ same-python:
 	  echo "designrl: $(VENV) was made with $$($(BIN)/python -V) and PYTHON=$(PYTHON) is not that; remove it with make clean" >&2; exit 1; }
 
 $(READY): requirements.lock pyproject.toml $(ENGINE_SOURCES) | same-python
-	@$(PYTHON) -c '$(SUPPORTED)' 2>/dev/null || { \
-	  echo "designrl: Python 3.11, 3.12 or 3.13 is needed and $(PYTHON) is not it; install one, or name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@why="$$($(PYTHON) -c '$(SUPPORTED)' 2>&1)" || { why="$$(echo "$$why" | head -n 1)"; \
+	  echo "designrl: Python 3.11, 3.12 or 3.13 is needed and $${why:-$(PYTHON) is not it}; install one, or name it with make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  echo "designrl: $(PYTHON) cannot make virtual environments; install its venv package (Debian: $(notdir $(PYTHON))-venv)" >&2; exit 1; }
 	@$(PYTHON) -c 'import os, sysconfig; os.stat(sysconfig.get_path("include") + "/Python.h")' 2>/dev/null || { \

@@ -14,7 +14,8 @@ from pathlib import Path
 from designrl.design import in_words
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
-from designrl.files import is_locked, read_limited, require_new
+from designrl.files import file_hash, is_locked, read_limited, require_new
+from designrl.numeric import whole_number
 from designrl.provenance import VERSION, core_count
 from designrl.settings import MAX_EPISODES, TrainSettings, option
 from designrl.terminal import heed_signals, open_streams, unsaid
@@ -68,6 +69,20 @@ def _agent_file(sub) -> None:
     sub.add_argument("--seed", type=int, default=0, help="of the episodes (default: 0)")
 
 
+def _load(args):
+    """The agent that `_agent_file`'s arguments mean."""
+    from designrl.names import find, load
+
+    if find(args.file).suffix == ".json" and not args.experiment:
+        raise InputError(f"{args.file} does not say what it was trained for; add --experiment NAME")
+    return load(args.file, args.experiment)
+
+
+def _say_file(path: str | Path) -> None:
+    """Name what was used: a name means another file in another folder or checkout."""
+    remark(f"from {Path(path).absolute()}, sha256 {file_hash(path)}")
+
+
 def _design(sub) -> None:
     sub.add_argument(
         "--design",
@@ -82,15 +97,38 @@ def _design(sub) -> None:
 
 def _design_of(args) -> dict[str, float] | None:
     """What --design says, for `Agent.body_with`."""
+    return _numbers(
+        args.design, '--design {} is no dimension and its scale; as "bottom leg 2 height=0.6"'
+    )
+
+
+def _reward_weights(sub) -> None:
+    sub.add_argument(
+        "--reward-weight",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="TERM=X",
+        help="multiply a term of the reward: energy=2.0; several are allowed (default: 1 each)",
+    )
+
+
+def _weights_of(args) -> dict[str, float] | None:
+    """What --reward-weight says."""
+    return _numbers(
+        args.reward_weight, "--reward-weight {} is no term and its weight, as energy=2.0"
+    )
+
+
+def _numbers(texts: list[str], wrong: str) -> dict[str, float] | None:
+    """Texts like "energy=2.0" as a dict; None where there are none."""
     named = {}
-    for text in args.design:
-        name, _, scale = text.rpartition("=")
+    for text in texts:
+        name, _, number = text.rpartition("=")
         try:
-            named[name.strip()] = float(scale)
+            named[name.strip()] = float(number)
         except ValueError:
-            raise InputError(
-                f'--design {text!r} is no dimension and its scale; as "bottom leg 2 height=0.6"'
-            ) from None
+            raise InputError(wrong.format(repr(text))) from None
     return named or None
 
 
@@ -131,6 +169,7 @@ def _add_experiments(commands) -> None:
 def settings_of(args) -> TrainSettings:
     """The settings that the arguments of `designrl train` mean."""
     names = [f.name for f in dataclasses.fields(TrainSettings) if f.name != "experiment"]
+    args.reward_weights = _weights_of(args)
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return TrainSettings.of(args.experiment, args.recipe, **given)
 
@@ -190,6 +229,9 @@ def _add_train(commands) -> None:
     for setting in dataclasses.fields(TrainSettings):
         if setting.name == "experiment":
             continue
+        if setting.name == "reward_weights":
+            _reward_weights(train)
+            continue
         hint = typing.get_type_hints(TrainSettings)[setting.name]
         kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
         how = {"type": kind, "metavar": "X"}
@@ -228,14 +270,18 @@ def _bar(unit: str, total: int | None = None):
 
 
 def _evaluate(args) -> None:
-    from designrl.evaluation import evaluate
-    from designrl.names import load
+    from designrl.evaluation import evaluate, worst
 
     if args.output:
         from designrl.recording.table import check_target, write_table
 
         check_target(args.output)
-    agent = load(args.file, args.experiment)
+    if args.worst is not None:
+        whole_number("--worst", args.worst, 1)
+    agent, design, weights = _load(args), _design_of(args), _weights_of(args)
+    changes = {"lidar": args.lidar} if args.lidar else {}
+    if weights:
+        changes["reward_weights"] = weights
     with _bar("episode", args.episodes) as progress:
         result = evaluate(
             agent,
@@ -244,21 +290,30 @@ def _evaluate(args) -> None:
             args.workers,
             args.backend,
             progress=progress,
-            design=_design_of(args),
-            **({"lidar": args.lidar} if args.lidar else {}),
+            design=design,
+            **changes,
         )
+    lowest = worst(agent, result, args.worst, design, **changes) if args.worst else []
     summary = result.summary()
     if args.output:
         write_table(result.table(), args.output)
     if args.json:
-        print(json.dumps(summary))
+        listed = {"worst": [ending._asdict() for ending in lowest]} if args.worst else {}
+        print(json.dumps({**summary, **listed}))
         return
     print(
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
         + (f"; not in its own body: {in_words(result.changed)}" if result.changed else "")
+        + (f", {option('reward_weights', weights)}" if weights else "")
     )
+    _say_file(agent.file)
+    if lowest:
+        print(f"{'episode':>7} {'seed':>10} {'score':>7} {'steps':>5}  the lowest scores")
+    for e in lowest:
+        about = f"{e.ended} at {e.at:.1f} m"
+        print(f"{e.episode:7} {e.seed:10} {e.score:7.1f} {e.steps:5}  {about}")
 
 
 def _add_evaluate(commands) -> None:
@@ -270,6 +325,10 @@ def _add_evaluate(commands) -> None:
     evaluate.add_argument("--json", action="store_true", help="print one JSON object")
     evaluate.add_argument(
         "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
+    )
+    _reward_weights(evaluate)
+    evaluate.add_argument(
+        "--worst", type=int, metavar="K", help="list the K lowest scores and what ended them"
     )
     _design(evaluate)
     evaluate.add_argument("--lidar", help='of walkers: "v2" (default, the paper\'s) or "v3"')
@@ -297,8 +356,7 @@ def _add_import(commands) -> None:
 
 
 def _record(args) -> None:
-    from designrl.evaluation import check_episodes, episode_seeds
-    from designrl.names import load
+    from designrl.evaluation import check_episodes, episode_seeds, evaluate
 
     if not (args.output or args.video):
         raise InputError("name what to write: -o FILE.mcap, --video FILE.mp4, or both")
@@ -312,18 +370,23 @@ def _record(args) -> None:
         from designrl.video import check_target, record_video
 
         check_target(args.video)
-    agent, design = load(args.file, args.experiment), _design_of(args)
+    agent, design = _load(args), _design_of(args)
+    if args.worst:
+        result = evaluate(agent, seed=args.seed, workers=core_count(), design=design)
+        args.episode = int(result.scores.argmin())
+        print(f"episode {args.episode} has the lowest of {len(result.scores)} scores")
     seed = int(episode_seeds(args.seed, args.episode + 1)[-1])
     if args.output:
         from designrl.recording import record_rollout
 
         score = record_rollout(agent, args.output, seed, design=design)
-        said = f"{args.output}: one episode, {score:.1f} points; play it with: rerun {args.output}"
-        print(printable(said))
+        look = f"designrl replay {shlex.quote(args.output)}"
+        print(printable(f"{args.output}: one episode, {score:.1f} points; look at it with: {look}"))
     if args.video:
         with _bar("picture") as progress:
             score = record_video(agent, args.video, seed, progress, design)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
+    _say_file(agent.file)
 
 
 def _add_record(commands) -> None:
@@ -334,7 +397,9 @@ def _add_record(commands) -> None:
     record.add_argument("-o", "--output", metavar="FILE.mcap")
     record.add_argument("--video", metavar="FILE.mp4", help="a film of it; also .gif or .webp")
     _design(record)
-    record.add_argument(
+    which = record.add_mutually_exclusive_group()
+    which.add_argument("--worst", action="store_true", help="of 100, that with the lowest score")
+    which.add_argument(
         "--episode",
         type=int,
         default=0,
@@ -361,16 +426,18 @@ def _replay(args) -> None:
     if not args.web and (args.bind or args.port is not None):
         raise InputError("--bind and --port are those of --web; add that, too")
     web = (args.bind or ADDRESS, PORT if args.port is None else args.port) if args.web else None
-    replay(args.files, args.save, args.headless_screenshot, args.at, web)
+    replay(args.files, args.save, args.headless_screenshot, args.at, web, _say_file)
     for path in filter(None, (args.save, args.headless_screenshot)):
         print(printable(f"{path} written"))
 
 
 def _film(args) -> None:
+    from designrl.recording import read
     from designrl.video import STAGES, evolution_video
 
     if len(args.files) > 1 or args.save or args.headless_screenshot or args.web:
         raise InputError("--video films one run and does nothing else; name only its folder")
+    _say_file(read(args.files[0]).path)
     with _bar("stage", STAGES) as progress:
         evolution_video(args.files[0], args.video, progress=progress)
     print(f"{args.video} written")
@@ -403,6 +470,35 @@ def _add_replay(commands) -> None:
     replay.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090)")
 
 
+def _compare(args) -> None:
+    from designrl import compare
+    from designrl.recording.table import SUFFIXES, check_target, write_table
+
+    for path in filter(None, [args.output]):
+        (check_target if Path(path).suffix in SUFFIXES else compare.check_target)(path)
+    runs = compare.read_runs(args.runs)
+    print("\n".join(map(printable, compare.summary(runs).splitlines())))
+    for run in runs:
+        _say_file(run.path)
+    if args.output and Path(args.output).suffix in SUFFIXES:
+        write_table(compare.curves(runs), args.output)
+    elif args.output:
+        compare.picture(runs, args.output)
+    if args.output:
+        print(printable(f"{args.output} written"))
+
+
+def _add_compare(commands) -> None:
+    compare = _command(commands, "compare", _compare, "compare how runs learned")
+    compare.add_argument("runs", nargs="+", metavar="RUN|NAME", help="folders, recordings or names")
+    compare.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE.png",
+        help="the curves; also .svg, .pdf, .csv, .parquet",
+    )
+
+
 def _info(args) -> None:
     from designrl.names import find
 
@@ -431,15 +527,18 @@ def _add_info(commands) -> None:
 
 
 def _export(args) -> None:
+    from designrl.recording import read
     from designrl.recording.table import check_target, table, write_table
 
     check_target(args.output)
-    columns = table(args.file, args.episodes)
+    recording = read(args.file)
+    columns = table(recording, args.episodes)
     write_table(columns, args.output)
     rows = len(next(iter(columns.values())))
     held = set(columns.get("generation", ()))  # of a published run, only some
     of = f", {len(held):,} of the generations {min(held):,} to {max(held):,}" if held else ""
     print(printable(f"{args.output}: {rows:,} rows, {len(columns)} columns{of}"))
+    _say_file(recording.path)
 
 
 def _add_export(commands) -> None:
@@ -454,17 +553,43 @@ def _add_export(commands) -> None:
     )
 
 
+def _publish(args) -> None:
+    try:
+        from reproduce.publish import publish
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"publishing writes into a clone of designrl's repository, set up with `make setup`; "
+            f"this is none ({error})"
+        ) from None
+    print(printable(publish(Path(args.run), args.name)))
+
+
+def _add_publish(commands) -> None:
+    about = "write a run's agent, card and recording into the clone's folders pretrained and logs"
+    publish = _command(commands, "publish", _publish, about)
+    publish.add_argument("run", metavar="RUN", help="its folder")
+    publish.add_argument("--name", required=True, help='"seedK", or "paper-seedK" (its settings)')
+
+
 def _checkpoints(_args) -> None:
     from designrl.names import our_agents
 
     for name, about in our_agents().items():
+        experiment = get_experiment(name.partition("/")[0])
+        mean, std = experiment.score
         print(
-            f"{name:44} {about['mean']:.1f} ± {about['std']:.1f} over {about['episodes']} episodes"
+            f"{name:44} ({experiment.letter}) {about['mean']:6.1f} ± {about['std']:5.1f} over "
+            f"{about['episodes']} episodes; the paper's runs {mean:g} ± {std:g}"
         )
 
 
 def _add_checkpoints(commands) -> None:
-    _command(commands, "checkpoints", _checkpoints, "list the published agents and their scores")
+    _command(
+        commands,
+        "checkpoints",
+        _checkpoints,
+        "list the published agents and their scores, beside the paper's",
+    )
 
 
 def parser() -> argparse.ArgumentParser:
@@ -489,14 +614,16 @@ def parser() -> argparse.ArgumentParser:
     _add_import(commands)
     _add_record(commands)
     _add_replay(commands)
+    _add_compare(commands)
     _add_export(commands)
+    _add_publish(commands)
     _add_info(commands)
     _add_checkpoints(commands)
     return top
 
 
 # Commands whose answer is what they print: it must not be lost in silence.
-ANSWERS = _experiments, _evaluate, _info, _checkpoints
+ANSWERS = _experiments, _evaluate, _compare, _info, _checkpoints
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -2,20 +2,25 @@
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from numbers import Integral
 from pathlib import Path
+from typing import NamedTuple
 
+import gymnasium
 import numpy as np
 
 from designrl.errors import InputError
+from designrl.files import file_hash
 from designrl.names import load
+from designrl.numeric import whole_number
 from designrl.policy import Agent
 from designrl.settings import MAX_EPISODES
 from designrl.simulation import Simulator
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evaluation:
     """What an agent scored.
 
@@ -28,6 +33,8 @@ class Evaluation:
         seconds: wall time.
         backend: that played them, "engine" or "reference".
         changed: names of the dimensions in which that body is not the agent's own -> their scales.
+        reward_weights: of reward terms that did not count as 1.
+        file, sha256: the agent's, where it is from a file.
     """
 
     experiment: str
@@ -38,6 +45,15 @@ class Evaluation:
     seconds: float
     backend: str = "reference"
     changed: dict[str, float] = field(default_factory=dict)
+    reward_weights: dict[str, float] = field(default_factory=dict)
+    file: str | None = None
+    sha256: str | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<Evaluation of {self.experiment}: {self.scores.mean():.1f} ± {self.scores.std():.1f} "
+            f"over {len(self.scores)} episodes, seed {self.seed}, on the {self.backend}>"
+        )
 
     def summary(self) -> dict:
         """What `designrl evaluate --json` prints; std is over episodes, as in the paper."""
@@ -56,6 +72,9 @@ class Evaluation:
             "changed": self.changed,
             "seconds": self.seconds,
             "backend": self.backend,
+            **({"reward_weights": self.reward_weights} if self.reward_weights else {}),
+            "file": self.file,
+            "sha256": self.sha256,
         }
 
     def table(self) -> dict[str, np.ndarray]:
@@ -69,9 +88,73 @@ class Evaluation:
         }
 
 
+class Ending(NamedTuple):
+    """How an episode of an evaluation went.
+
+    Attributes:
+        episode: which, from 0.
+        seed: its own.
+        score, steps: as in the evaluation.
+        ended: by what, in words ("fell").
+        at: m that the body was from the origin then, forward.
+    """
+
+    episode: int
+    seed: int
+    score: float
+    steps: int
+    ended: str
+    at: float
+
+
+def worst(
+    agent: Agent | str | Path, result: Evaluation, count: int, design=None, **env_kwargs
+) -> list[Ending]:
+    """The episodes of the lowest scores, the lowest first, played again for what ended them.
+
+    Args:
+        agent: that `evaluate` scored.
+        result: what it gave.
+        count: of the episodes; all, where there are fewer.
+        design, env_kwargs: as `evaluate` had them.
+
+    Raises:
+        InputError: a count that is no whole number from 1 on; or the reference environment plays
+            an episode otherwise than the engine, so that nobody knows what ended that.
+    """
+    agent = _agent(agent)
+    count = whole_number("the number of lowest scores", count, 1)
+    seeds, found = episode_seeds(result.seed, len(result.scores)), []
+    options = {"disable_env_checker": True, **agent.env_kwargs, **env_kwargs}
+    with closing(gymnasium.make(agent.experiment.env_id, **options)) as env:
+        for i in np.argsort(result.scores, kind="stable")[:count].tolist():
+            score, seed = 0.0, int(seeds[i])
+            for step in agent.play(env, seed, design):
+                score += step.reward
+            if score != result.scores[i]:
+                raise InputError(
+                    f"episode {i} has {result.scores[i]} points on the {result.backend} and "
+                    f"{score} on the reference, which alone tells what ended it; evaluate with "
+                    "--backend reference"
+                )
+            body, world = agent.experiment.body, env.unwrapped
+            ended = body.ending(world) if step.terminated else "reached the time limit"
+            at = float(body.poses(world)[0][0][0])
+            found.append(Ending(i, seed, score, step.t + 1, ended, at))
+    return found
+
+
 def episode_seeds(seed: int, count: int) -> np.ndarray:
     """(count,) int64 seeds of an evaluation's episodes; fewer episodes are the first of more."""
     return np.random.SeedSequence(seed).generate_state(count).astype(np.int64)
+
+
+def _agent(agent: Agent | str | Path) -> Agent:
+    if isinstance(agent, str | Path):
+        agent = load(agent)
+    if not isinstance(agent, Agent):
+        raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
+    return agent
 
 
 def check_episodes(episodes: int, seed: int) -> None:
@@ -112,10 +195,7 @@ def evaluate(
     """
     check_episodes(episodes, seed)
     episodes, seed = int(episodes), int(seed)
-    if isinstance(agent, str | Path):
-        agent = load(agent)
-    if not isinstance(agent, Agent):
-        raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
+    agent = _agent(agent)
     scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()
     about = agent.experiment, backend, agent.network, workers
@@ -135,4 +215,7 @@ def evaluate(
         time.perf_counter() - start,
         simulator.backend,
         {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
+        file=agent.file and str(agent.file),
+        sha256=agent.file and file_hash(agent.file),
+        reward_weights=dict(env_kwargs.get("reward_weights") or {}),
     )

@@ -32,6 +32,10 @@ class Network:
     time_scale: float | None = None
     noise: bool = False
 
+    def __str__(self) -> str:
+        noise = ", output noise" if self.noise else ""
+        return f"{'-'.join(map(str, self.sizes))}, {self.output} output{noise}"
+
     @cached_property
     def num_weights(self) -> int:
         """How many weights and biases there are."""
@@ -57,6 +61,14 @@ class Shaping:
     solved_return: float = 300.0
     solved_bonus: float = 100.0
 
+    def check(self, reward_weights: Mapping | None) -> None:
+        """Raise InputError where a weight is that of the term that costs nothing."""
+        if self.free_term in (reward_weights or {}):
+            raise InputError(
+                f"with shaped rewards a {self.free_term} costs nothing; leave its weight out, or "
+                "turn them off with --no-shaped-rewards"
+            )
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -65,6 +77,7 @@ class Experiment:
     Attributes:
         name: as the commands take it.
         letter, title: row of Table 3.
+        score: mean and deviation there, of the paper's ten runs; None: no row of it.
         env_id: Gymnasium environment; it takes `design=` and `reset(options={"design": scales})`.
         body: everything known of its body.
         network: the policy, as the paper's text gives it.
@@ -88,6 +101,7 @@ class Experiment:
     training_kwargs: Mapping = field(default_factory=dict)
     shaping: Shaping | None = None
     other_networks: tuple[Network, ...] = ()
+    score: tuple[float, float] | None = None
 
     @property
     def design(self) -> DesignSpace | None:
@@ -128,6 +142,17 @@ class Experiment:
             raise InputError(f"{self.name} does not have the network {network}")
         return network.num_parameters + (self.design.size if self.design else 0)
 
+
+_SCORES = {
+    "ant": (3139, 189.3),
+    "ant-morphology": (5267, 631.4),
+    "biped": (345, 1.3),
+    "biped-morphology": (354, 2.2),
+    "biped-morphology-smaller-leg": (330, 3.9),
+    "biped-hardcore": (300, 11.9),
+    "biped-hardcore-morphology": (326, 12.7),
+    "biped-hardcore-morphology-smaller-leg": (312, 11.9),
+}
 
 WALKER_NETWORK = Network((24, 40, 40, 4))
 # The paper's text: 28 inputs, hidden layers of 64 and 32. The published code adds a time input and
@@ -184,6 +209,7 @@ def _ant(name: str, letter: str, title: str, learns_design: bool, **kwargs) -> E
         learns_design,
         paper={"generations": 3000},
         ours=_OURS_ANT,
+        score=_SCORES[name],
         **kwargs,
     )
 
@@ -201,6 +227,7 @@ def _walker(name: str, letter: str, title: str, learns_design: bool, **kwargs) -
         WALKER_NETWORK,
         learns_design,
         **{"paper": paper, "ours": ours, "shaping": Shaping(), **kwargs},
+        score=_SCORES[name],
     )
 
 

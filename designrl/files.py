@@ -12,7 +12,8 @@ from designrl.errors import InputError
 
 def file_hash(path: str | Path) -> str:
     """SHA-256 of a file, in hex."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_atomically(path: str | Path, data: bytes) -> None:

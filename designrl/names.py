@@ -76,13 +76,16 @@ def load(name: str | Path, experiment: str | None = None) -> Agent:
     """
     path = find(name)
     if path.suffix != ".json":
-        return checkpoint.load(path, experiment)
-    if experiment is None:
+        agent = checkpoint.load(path, experiment)
+    elif experiment is None:
         raise InputError(
-            f"{path} does not say what it was trained for; name its experiment "
-            '(--experiment NAME; in Python, load(path, "NAME"))'
+            f"{path} does not say what it was trained for; give designrl.load the name of its "
+            "experiment, too"
         )
-    return load_author(path, get_experiment(experiment))
+    else:
+        agent = load_author(path, get_experiment(experiment))
+    agent.file = path.absolute()
+    return agent
 
 
 def our_agents() -> dict[str, dict]:

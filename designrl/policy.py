@@ -12,6 +12,7 @@ import math
 import threading
 from collections.abc import Iterator
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import gymnasium
@@ -111,6 +112,9 @@ class Agent:
         metadata: where it came from.
         space: the limits of its body, where they are not the experiment's.
 
+    Attributes:
+        file: that `designrl.load` read it from; None: no file.
+
     Raises:
         InputError: a network that the experiment does not have, a wrong number of parameters, or
             some that are not finite.
@@ -147,6 +151,12 @@ class Agent:
             log_stds = self.parameters[self.network.num_weights : self.network.num_parameters]
             (self._noise_std,) = noise_stds(log_stds[None])
         self._noise = _Noise()
+
+    file: Path | None = None
+
+    def __repr__(self) -> str:
+        where = f", from {self.file}" if self.file else ""
+        return f"<Agent of {self.experiment.name}, {self.parameters.size} parameters{where}>"
 
     def __reduce__(self):  # the compiled forward pass cannot be pickled
         about = self.experiment, self.parameters, self.network, self.metadata, self.space

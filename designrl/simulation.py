@@ -97,7 +97,8 @@ class Simulator(AbstractContextManager):
         ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
             has no meaning then.
         space: limits of the bodies, where they are not the experiment's.
-        env_kwargs: keywords of the environment, `lidar="v3"` for instance.
+        env_kwargs: keywords of the environment, `lidar="v3"` or `reward_weights={"energy": 2.0}`
+            for instance.
 
     Attributes:
         backend: that runs.
@@ -193,6 +194,8 @@ class Simulator(AbstractContextManager):
         shaping = self.experiment.shaping if shaped else None
         if design is not None:
             design = self._bodies.validate(design)
+        if shaping:
+            shaping.check(self._env_kwargs.get("reward_weights"))
         episodes = Episodes(self.experiment, self.network, kwargs, shaping, design, self.space)
         result = self._run(episodes, candidates, seeds, progress)
         finite = np.isfinite(result.returns).all(axis=1)

@@ -20,6 +20,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 
 import numpy as np
 
@@ -91,6 +92,29 @@ def _begin(lifeline) -> None:
     threading.Thread(target=end, daemon=True).start()
 
 
+def _unpacked(function: bytes, *arguments):
+    return pickle.loads(function)(*arguments)
+
+
+def _packed(function: Callable) -> Callable:
+    """The function as a worker can have it that cannot run this process's script once more.
+
+    Raises:
+        InputError: it holds what cannot be sent.
+    """
+    if getattr(sys.modules["__main__"], "__file__", None):
+        return function
+    import cloudpickle  # of Gymnasium: it sends the classes of a notebook as they are
+
+    try:
+        return partial(_unpacked, cloudpickle.dumps(function))
+    except Exception as error:
+        raise InputError(
+            f"what is defined here cannot be sent to worker processes ({_one_line(error)}); write "
+            "it into a module, or use workers=1"
+        ) from None
+
+
 class ProcessWorkers:
     """So many processes on this machine; they start when there is work, and `close` ends them.
 
@@ -110,7 +134,7 @@ class ProcessWorkers:
         self, function: Callable, candidates: np.ndarray, tasks: Sequence[tuple], seconds: float
     ) -> Results:
         """See above; InputError also where no process starts."""
-        waiting, failures = deque(range(len(tasks))), Counter()
+        function, waiting, failures = _packed(function), deque(range(len(tasks))), Counter()
         running: dict[Future, tuple[int, ProcessPoolExecutor]] = {}
         try:
             while waiting or running:
@@ -213,10 +237,12 @@ class RayWorkers:
     Args:
         address: "local", for a cluster on this machine that ends with this process and listens on
             127.0.0.1 alone, or that of an existing cluster, as Ray takes it. Its nodes need this
-            package and its libraries.
+            package and its libraries. Where this process is in a cluster already, "local" and
+            "auto" are that one, and `close` leaves it as it is.
 
     Raises:
-        InputError: Ray is not installed; there is no cluster at that address.
+        InputError: Ray is not installed; there is no cluster at that address, or this process is in
+            another one.
     """
 
     def __init__(self, address: str):
@@ -224,7 +250,20 @@ class RayWorkers:
             os.environ |= LOCAL_RAY
         with optional("Ray", "ray", "pip install -c requirements-extras.lock ray"):
             import ray
-        self._ray = ray
+        self._ray, self._is_ours = ray, not ray.is_initialized()
+        if self._is_ours:
+            self._join(address)
+        elif address not in ("local", "auto", ray.get_runtime_context().gcs_address):
+            raise InputError(
+                f"this process is in the Ray cluster at {ray.get_runtime_context().gcs_address} "
+                f"already; use that, or leave it with ray.shutdown() to use {address}"
+            )
+        retries = {"max_retries": MAX_FAILURES - 1, "retry_exceptions": True}
+        self._task = ray.remote(num_cpus=1, **retries)(_on_node)
+        self._said_to_wait = False
+
+    def _join(self, address: str) -> None:
+        ray = self._ray
         if address not in ("local", "auto") and "://" not in address:
             _check_reachable(address)  # Ray itself would try for minutes
         polite_kill = signal.getsignal(signal.SIGTERM)
@@ -244,9 +283,6 @@ class RayWorkers:
                 "Ray was imported before and would listen on every interface; let designrl import "
                 'it, or set RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER=0 before "import ray"'
             )
-        retries = {"max_retries": MAX_FAILURES - 1, "retry_exceptions": True}
-        self._task = ray.remote(num_cpus=1, **retries)(_on_node)
-        self._said_to_wait = False
 
     @property
     def count(self) -> int:
@@ -295,4 +331,5 @@ class RayWorkers:
 
     def close(self) -> None:
         """Leave the cluster."""
-        self._ray.shutdown()
+        if self._is_ours:
+            self._ray.shutdown()

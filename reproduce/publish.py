@@ -1,13 +1,12 @@
 """Publish a training run: its checkpoint and card to pretrained/, its recordings to logs/.
 
-    python -m reproduce.publish runs/biped-morphology/seed0
+    designrl publish runs/biped-morphology/seed0 --name seed0
 
 Published are pretrained/EXPERIMENT/seedK.safetensors with a card (.md) and a learning curve (.png),
 and in logs/EXPERIMENT/seedK/ the recording with generations dropped (never rounded) and the first
 steps of a rollout of the agent; all that the run's folder holds is not needed again.
 """
 
-import argparse
 import json
 import shutil
 from pathlib import Path
@@ -24,45 +23,37 @@ from designrl.recording import record_rollout, thin
 from designrl.settings import TrainSettings
 from reproduce import drawing, figure5, paths, scores
 from reproduce.paths import EIGHT, paper, recording_of
-from reproduce.program import program
 from reproduce.runs import Run, read_run
 from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
 
 
-def main(argv: list[str] | None = None) -> None:
-    """Publish the run in a folder."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("run", type=Path, help="the run's folder")
-    parser.add_argument(
-        "--replace", action="store_true", help="also where another run of this seed is published"
-    )
-    args = parser.parse_args(argv)
-    with program("publish"):
-        print(publish(args.run, args.replace))
-
-
-def publish(run: Path, replace: bool = False, name: str | None = None) -> str:
+def publish(run: Path, name: str, replace: bool = False) -> str:
     """Check the run, then write all that is published of it; returns what was written.
 
     Args:
         run: its folder.
+        name: of the files, "seedK" or "paper-seedK" for a run of seed K.
         replace: also where another run of that name is published.
-        name: of the files; by default "seedK".
 
     Raises:
-        InputError: the run is damaged, or another one is published; nothing has been changed.
+        InputError: the run is damaged, not of one of the paper's experiments or has another seed
+            than its name, or another one is published; nothing has been changed.
     """
     agent = load(run / "best.safetensors")
+    if agent.experiment.name not in EIGHT:
+        raise InputError(f"{run} is of {agent.experiment.name}; the paper's runs are published")
     recorded = read_run(run / "generations.mcap", agent.experiment.name, agent.metadata["seed"])
     published_scores()  # whatever is wrong with it is said before anything is written
-    name = name or f"seed{agent.metadata['seed']}"
+    if name not in (names := [f"{kind}seed{agent.metadata['seed']}" for kind in ("", "paper-")]):
+        raise InputError(f"{run} cannot be {name}; by its seed it is {' or '.join(names)}")
     checkpoint = paths.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
-    content = (run / "best.safetensors").read_bytes()
-    if checkpoint.exists() and checkpoint.read_bytes() != content and not replace:
-        raise InputError(f"{checkpoint} is of another run; add --replace to publish this one")
-    log = recording_of(checkpoint).parent
+    content, log = (run / "best.safetensors").read_bytes(), recording_of(checkpoint).parent
+    is_it = checkpoint.exists() and checkpoint.read_bytes() == content
+    if not is_it and not replace and (checkpoint.exists() or log.exists()):
+        there = checkpoint if checkpoint.exists() else log
+        raise InputError(f"{there} is of another run, which stays; train one with another seed")
     shutil.rmtree(log, ignore_errors=True)
     log.mkdir(parents=True)
     thin(run / "generations.mcap", log / "generations.mcap")
@@ -160,7 +151,3 @@ def card(s: Score, run: Run) -> str:
     command = TrainSettings(**m["settings"]).command()
     paragraphs.append(f"**Command**\n\n```\n{command}\n```")
     return "\n\n".join(paragraphs) + "\n"
-
-
-if __name__ == "__main__":
-    main()

@@ -156,7 +156,7 @@ def finish(training: Training) -> str | None:
         lines = (training.folder / "log.txt").read_text(errors="replace").strip().splitlines()
         return f"{place} stopped with exit code {code}: {lines[-1] if lines else 'no word'}"
     try:
-        tqdm.write(publish(training.folder, replace=True, name=training.run.name))
+        tqdm.write(publish(training.folder, training.run.name, replace=True))
     except (InputError, OSError) as error:
         return f"{place} is trained and could not be published: {error}"
     shutil.rmtree(unfinished(training.run), ignore_errors=True)

@@ -1,5 +1,6 @@
 import fcntl
 import json
+import re
 import subprocess
 import sys
 
@@ -10,9 +11,12 @@ import designrl
 from designrl.checkpoint import save
 from designrl.cli import main
 from designrl.errors import InputError
+from designrl.evaluation import episode_seeds, worst
 from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.files import file_hash
 from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
+from designrl.recording import read
 from designrl.settings import TrainSettings
 
 
@@ -114,6 +118,8 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("evaluate absent.safetensors", "absent.safetensors cannot be read"),
         ("evaluate agent.safetensors --experiment biped", "not biped"),
         ("evaluate agent.safetensors --episodes 0", "needs 1 to"),
+        ("evaluate agent.safetensors --reward-weight energy", "no term and its weight, as energy"),
+        ("evaluate agent.safetensors --reward-weight energi=2", "no reward term 'energi'"),
         ("train biped-hard", "did you mean 'biped-hardcore'"),
         ("train biped --workers 0 --out r", "at least 1"),
         ("info absent.mcap", "absent.mcap"),
@@ -131,6 +137,7 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("record agent.safetensors -o r.mcap --design height=1", "no dimension 'height'"),
         ("evaluate biped", "biped is an experiment; name an agent of"),
         ("train biped --recipe plain --sigma-change-max 0.1", "sigma-change-max is part of"),
+        ("evaluate agent.safetensors --worst 0", "--worst is 0; it must be a whole number from 1"),
         ("record agent.safetensors", "-o FILE.mcap, --video FILE.mp4, or both"),
         ("record agent.safetensors -o r.mcap --video r.avi", "no video; give it a name in .mp4"),
         ("replay r.mcap --at 3", "--headless-screenshot"),
@@ -186,7 +193,11 @@ def test_help_needs_no_heavy_import():
 
 def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, capsys, monkeypatch):
     main(["checkpoints"])
-    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    lines = capsys.readouterr().out.splitlines()
+    assert all(
+        re.search(r" \([a-h]\) .* episodes; the paper's runs \d+ ± ", line) for line in lines
+    )
+    names = [line.split()[0] for line in lines]
     published = {path.relative_to(PRETRAINED) for path in PRETRAINED.glob("*/*.safetensors")}
     assert {f"{name}.safetensors" for name in names} == set(map(str, published))
     expected = load(PRETRAINED / f"{names[0]}.safetensors").parameters
@@ -202,11 +213,25 @@ def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, cap
     assert "best.safetensors: checkpoint of biped-morphology" in capsys.readouterr().out
 
 
+def test_what_hides_a_published_agent_is_named(checkpoint, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "biped").mkdir()
+    hiding = checkpoint.rename(tmp_path / "biped" / "seed0")
+    main(["evaluate", "biped/seed0", "--episodes", "1"])
+    assert capsys.readouterr().err == f"from {hiding}, sha256 {file_hash(hiding)}\n"
+    main(["evaluate", "biped/seed0", "--episodes", "1", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (found["file"], found["sha256"]) == (str(hiding), file_hash(hiding))
+
+
 def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkeypatch):
     name = next(path.relative_to(PRETRAINED).with_suffix("") for path in PRETRAINED.glob("*/*.md"))
     monkeypatch.chdir(tmp_path)
     main(["replay", str(name), "--save", "run.rrd"])
-    assert capsys.readouterr().out == "run.rrd written\n"
+    out, err = capsys.readouterr()
+    recording = PRETRAINED.parent / "logs" / name / "generations.mcap"
+    assert err.splitlines()[0] == f"from {recording}, sha256 {file_hash(recording)}"
+    assert out == "run.rrd written\n"
     main(["export", str(name), "-o", "run.csv"])
     assert capsys.readouterr().out.startswith("run.csv: ")
     assert "seed77 cannot be read" in refused(capsys, "replay", "biped/seed77", "--save", "b.rrd")
@@ -228,11 +253,72 @@ def test_evaluate_takes_a_file_and_says_what_it_wants(checkpoint):
         designrl.evaluate(None)
 
 
+def test_the_lowest_scores_are_listed_with_what_ended_them_and_filmed(tmp_path, capsys):
+    name = "biped-hardcore/seed0"
+    main(["evaluate", name, "--worst", "3", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    lowest = np.argsort(found["scores"])[:3].tolist()
+    assert [e["episode"] for e in found["worst"]] == lowest
+    for ending in found["worst"]:
+        i = ending["episode"]
+        assert (ending["score"], ending["steps"]) == (found["scores"][i], found["lengths"][i])
+        assert ending["seed"] == episode_seeds(0, 100)[i]
+    assert found["worst"][0]["ended"] == "fell"
+    main(["record", name, "--worst", "-o", str(tmp_path / "r.mcap")])
+    assert f"episode {lowest[0]} has the lowest of 100 scores\n" in capsys.readouterr().out
+    assert float(read(tmp_path / "r.mcap").metadata["score"]) == min(found["scores"])
+
+
+def test_what_ends_an_episode_is_told_apart():
+    agent = load("biped/seed0")
+    parameters = np.zeros(agent.parameters.size)
+    for policy, ended in (
+        (agent, "reached the end"),
+        (Agent(agent.experiment, parameters), "fell"),
+    ):
+        (ending,) = worst(policy, designrl.evaluate(policy, episodes=1), 1)
+        assert ending.ended == ended
+    (ending,) = worst("ant/seed0", designrl.evaluate("ant/seed0", episodes=1), 1)
+    assert ending.ended == "reached the time limit" and ending.steps == 1000 and ending.at > 10
+
+
 def test_import_says_which_experiments_a_file_does_not_tell_apart(tmp_path, capsys):
     (tmp_path / "a.json").write_text(json.dumps([[0.0] * 2804, 1.0]))
     words = ("import", str(tmp_path / "a.json"), "--experiment", "biped", "-o")
     main([*words, str(tmp_path / "a.safetensors")])
     assert "could as well be of biped-hardcore\n" in capsys.readouterr().out
+
+
+def test_the_other_ant_of_2018_is_told_apart(tmp_path, capsys):
+    other, ours = tmp_path / "other.json", tmp_path / "ours.json"
+    for path, network in zip((other, ours), get_experiment("ant").networks, strict=True):
+        path.write_text(json.dumps([[0.0] * get_experiment("ant").parameters_with(network), 1.0]))
+        main(["import", str(path), "--experiment", "ant", "-o", f"{path}.safetensors"])
+        doubted = "bullet_ant" in capsys.readouterr().err
+        main(["info", str(path)])
+        assert doubted == ("bullet_ant" in capsys.readouterr().out) == (path == other)
+
+
+def test_things_say_what_they_are(tmp_path):
+    agent = load("biped/seed0")
+    assert repr(agent) == f"<Agent of biped, 2804 parameters, from {agent.file}>"
+    said = repr(designrl.evaluate(agent, episodes=2))
+    assert re.fullmatch(
+        r"<Evaluation of biped: 34\d\.\d ± \d\.\d over 2 episodes, seed 0, on the \w+>", said
+    )
+    recording = read("biped/seed0")
+    assert repr(recording) == f"<Recording of a training run of biped, {recording.path}>"
+
+
+def test_without_an_experiment_a_command_asks_for_its_option_and_python_for_a_name(
+    tmp_path, capsys
+):
+    (tmp_path / "a.json").write_text(json.dumps([[0.0] * 2804, 1.0]))
+    for command in (["evaluate"], ["record", "-o", tmp_path / "a.mcap"]):
+        assert "add --experiment NAME" in refused(capsys, *command, tmp_path / "a.json")
+    with pytest.raises(InputError, match="give designrl.load the name") as caught:
+        load(tmp_path / "a.json")
+    assert "--" not in str(caught.value)
 
 
 def test_a_busy_folder_is_said_at_once(tmp_path, capsys):

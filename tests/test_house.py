@@ -33,6 +33,7 @@ FLOORS = (  # from the ground up; the rooms of a package stand on its floor
     "evaluation",
     "verify",
     "recording",
+    "compare",
     "video",
     "run_folder",
     "train",

@@ -154,3 +154,19 @@ def test_an_address_without_a_cluster_is_refused():
     with pytest.raises(InputError, match="no Ray cluster at"):
         Simulator("biped", ray="127.0.0.1:1")
     assert time.monotonic() - begin < 120
+
+
+def test_a_process_that_is_in_a_cluster_already_uses_that_and_stays_in_it():
+    ray.init("local", num_cpus=1, include_dashboard=False, log_to_driver=False)
+    try:
+        here = ray.get_runtime_context().gcs_address
+        for address in ("local", "auto", here):
+            with closing(RayWorkers(address)) as workers:
+                assert dict(workers.run(np.sum, CANDIDATES, TASKS, 60.0)) == dict(
+                    enumerate(range(4))
+                )
+            assert ray.is_initialized()
+        with pytest.raises(InputError, match=f"in the Ray cluster at {here} already"):
+            RayWorkers("10.0.0.7:6379")
+    finally:
+        ray.shutdown()

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import gymnasium
@@ -17,17 +18,19 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS
+from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
 from designrl.provenance import versions
 from designrl.recording import (
     Generation,
     RecordingError,
+    RolloutWriter,
     RunWriter,
     describe,
     read,
     record_rollout,
     schema_pb2,
+    table,
     thin,
 )
 from designrl.recording.mcap_file import McapFile
@@ -499,6 +502,92 @@ def test_terrain_holds_the_course_with_its_obstacles(rollout):
     assert np.array_equal(terrain.z, env.unwrapped.terrain_y)
     boxes = np.array([(o.x_max - o.x_min, o.z_max - o.z_min) for o in terrain.obstacles])
     assert (boxes > 0.4).all() and (boxes < 2.0).all()
+
+
+@pytest.fixture
+def stepped():
+    """A walker, and what its first step gives to `RolloutWriter.step`."""
+    with closing(gymnasium.make("designrl/BipedalWalker-v0")) as env:
+        seen, _ = env.reset(seed=0)
+        action = np.zeros(4, np.float32)
+        _, reward, _, _, info = env.step(action)
+        yield env, {"observation": seen, "action": action, "reward": reward, "info": info}
+
+
+def test_reward_terms_are_recorded_under_their_names(stepped, tmp_path):
+    env, step = stepped
+    reversed_terms = dict(reversed(step["info"]["reward_terms"].items()))
+    with RolloutWriter(tmp_path / "x.mcap", env, ABOUT) as writer:
+        writer.step(**step)
+        writer.step(**{**step, "info": {"reward_terms": reversed_terms}})
+    first, second = read(tmp_path / "x.mcap").array("/reward", "terms").tolist()
+    assert first == second == list(step["info"]["reward_terms"].values())
+
+
+@pytest.mark.parametrize(
+    ("at", "change", "said"),
+    [
+        (1, {"info": {}}, "lacks the reward term 'progress'"),
+        (1, {"info": {"reward_terms": {"x": 1.0}}}, "lacks the reward term 'progress'"),
+        (1, {"info": None}, "no number"),
+        (0, {"info": None}, "no number"),
+        (1, {"observation": np.zeros(3)}, r"\(3,\) for /observation values, .* \(24,\)"),
+        (0, {"observation": np.zeros(3)}, r"\(3,\) for /observation values, .* \(24,\)"),
+        (1, {"action": np.zeros((1, 4))}, r"\(1, 4\) for /action values, .* \(4,\)"),
+        (0, {"action": np.zeros((1, 4))}, r"\(1, 4\) for /action values, .* \(4,\)"),
+        (1, {"action": None}, "/action values"),
+        (0, {"action": None}, "/action values"),
+        (1, {"reward": "much"}, "no number"),
+        (0, {"reward": "much"}, "no number"),
+        (1, {"reward": np.nan}, "a reward of nan"),
+        (0, {"reward": np.nan}, "a reward of nan"),
+    ],
+)
+def test_a_step_unlike_the_first_is_refused_and_leaves_nothing(at, change, said, stepped, tmp_path):
+    env, step = stepped
+
+    def record():
+        with RolloutWriter(tmp_path / "x.mcap", env, ABOUT) as writer:
+            for _ in range(at):
+                writer.step(**step)
+            writer.step(**{**step, **change})
+
+    with pytest.raises(RecordingError, match=f"^step {at} of .*{said}"):
+        record()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "metadata", [{"a": np.zeros(2)}, {"a": "\ud800"}, {3: "a"}, None], ids=["array", "?", "3", "0"]
+)
+def test_metadata_that_cannot_be_recorded_is_refused(metadata, stepped, tmp_path):
+    with pytest.raises(RecordingError, match=r"metadata for .*x\.mcap cannot be recorded"):
+        RolloutWriter(tmp_path / "x.mcap", stepped[0], metadata)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["biped", "ant"])
+def test_an_environment_that_was_not_reset_is_refused(name, tmp_path):
+    env = gymnasium.make(get_experiment(name).env_id)
+    with pytest.raises(RecordingError, match="give an environment that has been reset"):
+        RolloutWriter(tmp_path / "x.mcap", env, ABOUT)
+    env.close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_steps_outside_of_the_writers_with_are_refused(stepped, tmp_path):
+    env, step = stepped
+    writer = RolloutWriter(tmp_path / "x.mcap", env, {**ABOUT, "body": {"without": "unit"}})
+    with pytest.raises(RecordingError, match="outside of `with"):
+        writer.step(**step)
+    assert not list(tmp_path.iterdir())
+    with writer:
+        pass
+    with pytest.raises(RecordingError, match="outside of `with"):
+        writer.step(**step)
+    assert "  0 steps\n" in describe(writer._file.path)
+    with pytest.raises(RecordingError, match="rollout without a step"):
+        table(writer._file.path)
 
 
 def test_two_processes_do_not_write_into_one_file(tmp_path):

@@ -17,6 +17,7 @@ from matplotlib.patches import Circle
 
 from designrl import author
 from designrl.checkpoint import save
+from designrl.cli import main
 from designrl.engine import missing_reason
 from designrl.errors import InputError
 from designrl.evaluation import Evaluation, evaluate
@@ -503,7 +504,7 @@ def test_what_is_of_another_run_than_its_name_says_is_not_used(trained, project,
 @pytest.fixture
 def published_run(trained, project):
     """A run's folder and the checkpoint that was published from it."""
-    publish.publish(trained)
+    publish.publish(trained, "seed0")
     return trained, project / "pretrained" / "biped" / "seed0.safetensors"
 
 
@@ -525,8 +526,13 @@ def test_what_is_published_and_publishing_again_gives_the_same_files(published_r
     card = checkpoint.with_suffix(".md").read_text()
     assert "designrl train biped --recipe paper --seed 0 --generations 5" in card
     assert f"sha256 {file_hash(checkpoint)}" in card and str(project) not in card
-    publish.publish(run)
+    publish.publish(run, "seed0")
     assert contents(project) == before
+
+
+def test_experiments_have_the_scores_of_the_papers_table():
+    scores_of = {name: list(experiment.score) for name, experiment in paths.EIGHT.items()}
+    assert scores_of == {name: paper()["table3"][name] for name in paths.EIGHT}
 
 
 def test_card_says_the_body_that_was_found():
@@ -547,22 +553,36 @@ def test_a_damaged_run_leaves_what_is_published(published_run, project, name):
     run, _ = published_run
     before = contents(project)
     (run / name).write_bytes((run / name).read_bytes()[:20])
-    with pytest.raises(SystemExit, match=rf"publish: .*{name}"):
-        publish.main([str(run)])
+    with pytest.raises(InputError, match=name):
+        publish.publish(run, "seed0")
     assert contents(project) == before
 
 
-def test_another_run_is_published_only_when_asked(published_run, project):
+@pytest.mark.parametrize("what", ["pretrained", "logs"])
+def test_anothers_run_is_never_touched(published_run, project, what, capsys):
     run, checkpoint = published_run
-    other = load(checkpoint)
-    other.metadata["score"] += 1
-    save(other, checkpoint)
+    if what == "logs":
+        checkpoint.unlink()
+    else:
+        other = load(checkpoint)
+        other.metadata["score"] += 1
+        save(other, checkpoint)
     before = contents(project)
-    with pytest.raises(SystemExit, match="seed0.safetensors is of another run; add --replace"):
-        publish.main([str(run)])
+    with pytest.raises(SystemExit):
+        main(["publish", str(run), "--name", "seed0"])
+    assert f"/{what}/biped/seed0" in (err := capsys.readouterr().err) and "which stays" in err
     assert contents(project) == before
-    publish.main([str(run), "--replace"])
+    publish.publish(run, "seed0", replace=True)
     assert checkpoint.read_bytes() == (run / "best.safetensors").read_bytes()
+
+
+def test_a_run_is_published_under_the_name_of_its_seed(trained, project):
+    for name in ("seed1", "mine", "../seed0"):
+        with pytest.raises(InputError, match="by its seed it is seed0 or paper-seed0"):
+            publish.publish(trained, name)
+    assert not contents(project)
+    main(["publish", str(trained), "--name", "paper-seed0"])
+    assert (project / "pretrained" / "biped" / "paper-seed0.safetensors").exists()
 
 
 def test_an_index_that_names_another_experiment_leaves_what_is_published(published_run, project):
@@ -570,8 +590,8 @@ def test_an_index_that_names_another_experiment_leaves_what_is_published(publish
     index = project / "pretrained/index.json"
     index.write_text(json.dumps(json.loads(index.read_text()) | {"hopper/seed0": {}}))
     before = contents(project)
-    with pytest.raises(SystemExit, match="index.json names hopper/seed0, .*; take it out"):
-        publish.main([str(run)])
+    with pytest.raises(InputError, match="index.json names hopper/seed0, .*; take it out"):
+        publish.publish(run, "seed0")
     assert contents(project) == before
 
 

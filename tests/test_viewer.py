@@ -31,6 +31,7 @@ from designrl.recording.mcap_file import McapFile
 from designrl.viewer import executable, layout, web
 from designrl.viewer import picture as picture_module
 from designrl.viewer.executable import EXECUTABLE, LISTENING, Rerun
+from designrl.viewer.layout import COMPARED
 from designrl.viewer.picture import NO_DRIVER, NO_DRIVER_MESSAGE
 
 
@@ -161,6 +162,11 @@ def test_a_plot_says_what_training_changes_of_the_return(folder, monkeypatch):
         ("biped-morphology-smaller-leg", {}, ["leg area reward", *found]),
         ("biped", {"shaped_rewards": False}, []),
         ("ant", {}, []),
+        (
+            "ant",
+            {"reward_weights": {"stall": 0.0, "progress": 1.5}},
+            ["stall × 0", "progress × 1.5"],
+        ),
     ):
         about = {"experiment": name, "settings": json.dumps(settings)}
         monkeypatch.setattr(type(recording), "metadata", about)
@@ -185,6 +191,17 @@ def test_a_picture_is_of_the_chosen_moment(folder, tmp_path, monkeypatch):
     for path, at, text in ((folder, 12, "0 to 11 generations"), (rollout, -1, "--at is -1")):
         with pytest.raises(InputError, match=text):
             viewer.replay([path], screenshot=tmp_path / "x.png", at=at)
+
+
+def test_several_runs_are_drawn_over_each_other(folder, tmp_path):
+    write_run(tmp_path / "seed1" / "generations.mcap", range(12))
+    viewer.replay([folder, tmp_path / "seed1"], save=tmp_path / "two.rrd")
+    entities = logged(tmp_path / "two.rrd")
+    for plot in ("evaluation", "population"):
+        for i in range(2):
+            assert "Scalars:scalars" in entities[f"/{COMPARED}/{plot}/{i}"]
+    viewer.replay([folder], save=tmp_path / "one.rrd")
+    assert not [entity for entity in logged(tmp_path / "one.rrd") if COMPARED in entity]
 
 
 def test_files_of_one_name_stay_apart(folder, tmp_path):
@@ -554,6 +571,19 @@ def test_a_picture_is_taken_when_it_has_stopped_changing(monkeypatch):
     monkeypatch.setattr(picture_module.time, "monotonic", lambda: next(clock))
     monkeypatch.setattr(picture_module.time, "sleep", lambda seconds: None)
     assert picture_module._still_picture(Viewer()) == b"still"
+
+
+def test_a_viewer_that_has_not_read_the_data_yet_is_asked_again(monkeypatch):
+    answers = iter([ConnectionError("no timelines yet"), None])
+
+    class Viewer:
+        def set_time(self, timeline, **place):
+            if error := next(answers):
+                raise error
+
+    monkeypatch.setattr(picture_module.time, "sleep", lambda seconds: None)
+    picture_module._go_to(Viewer(), "generation", {"sequence": 3})
+    assert next(answers, "all asked") == "all asked"
 
 
 def test_a_picture_shows_body_ground_and_plots(folder, tmp_path, monkeypatch):

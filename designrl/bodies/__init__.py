@@ -40,6 +40,7 @@ class Body:
         rollout_eye: seen from the body's root, how a rollout is looked at.
         design_eye: how a design is looked at, whose root is at 0, with the original body at
             ORIGINAL_AT.
+        action_seconds: s of its actions that a replay shows at once.
         limbs: limb -> indices of its dimensions; each limb gets a plot of its own.
     """
 
@@ -52,6 +53,7 @@ class Body:
     time_step: float
     rest_pose: dict[str, float] = {}
     rollout_eye: Eye = ((-1.5, -2.7, 1.4), (0.1, 0, -0.1))
+    action_seconds = 5.0
     design_eye: Eye = ((-1.2, -1.9, 1.9), (-1.2, -0.1, -0.1))
 
     def __eq__(self, other):  # a copy that comes from another process is the same body
@@ -96,6 +98,10 @@ class Body:
         None: a flat floor at z = 0.
         """
         return None
+
+    def ending(self, env) -> str:
+        """What ended an episode that the environment has terminated, in words. Here: unknown."""
+        return "ended by its environment"
 
     def picture(self, env) -> np.ndarray:
         """(H, W, 3) uint8: the body from near by, as videos show it; H and W are even.

@@ -75,6 +75,7 @@ class AntBody(Body):
         *(f"{foot} ground contact" for foot in _FEET),
     )
     contact_names = _FEET
+    action_seconds = 1.0  # from one end to the other at almost every step
     time_step = 0.0165
     limbs = {leg: list(range(9 * i, 9 * i + 9)) for i, leg in enumerate(ANT_LEGS)}
 
@@ -93,6 +94,9 @@ class AntBody(Body):
     def poses(self, env) -> Poses:
         """Poses of the parts' frames."""
         return env.body_poses()
+
+    def ending(self, env) -> str:
+        return "fell"
 
     def joint_states(self, env) -> tuple[list[float], list[float], list[float]]:
         """Angle, speed and torque of each joint."""

@@ -162,6 +162,11 @@ class WalkerBody(Body):
                 polygon(corners, body.color1, body.color2)
         return np.asarray(image.reduce(SMOOTHING))
 
+    def ending(self, env) -> str:
+        if env.game_over:
+            return "fell"
+        return "left the course at its start" if env.hull.position[0] < 0 else "reached the end"
+
     def ground_near(self, env, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) points of the course within GROUND_REACH of a place, (n, 3) their colors."""
         profile, obstacles = self.terrain(env)

@@ -66,8 +66,8 @@ class _Tail(io.BytesIO):
 class McapFile:
     """An MCAP file under construction.
 
-    It is built beside `path` and appears under that name with `publish()`; later seals go to the
-    same file.
+    From the first seal on it is built beside `path`, and it appears under that name with
+    `publish()`; later seals go to the same file.
 
     Raises (every method):
         RecordingError: the file cannot be written, for instance because the disk is full; what was
@@ -76,11 +76,11 @@ class McapFile:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._file, self._published = None, False
-        with self._refusing():
+        self._file, self._published, self.is_open = None, False, True
+        with self._refusing():  # before there is anything to lose
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor, self._temporary = create_beside(self.path)
-            self._file = open(descriptor, "wb", buffering=0)  # noqa: SIM115 (lives on)
+            self._create()
+            self._remove()  # one that is never sealed leaves nothing
         self._tail, self._end = _Tail(), b""
         self._sealed, self._seal_seconds = time.monotonic(), 0.0
         self._channels: dict[str, int] = {}
@@ -102,10 +102,14 @@ class McapFile:
             intact = ", what was recorded before is intact" if os.path.exists(self.path) else ""
             raise RecordingError(f"{cannot_write(self.path, error)}{intact}") from None
 
-    @property
-    def is_open(self) -> bool:
-        """More can be recorded."""
-        return self._file is not None
+    def _create(self) -> None:
+        descriptor, self._temporary = create_beside(self.path)
+        self._file = open(descriptor, "wb", buffering=0)  # noqa: SIM115 (lives on)
+
+    def _remove(self) -> None:
+        self._file.close()
+        self._file = None
+        self._temporary.unlink(missing_ok=True)
 
     def metadata(self, name: str, values: dict) -> None:
         """Add a metadata record; what is not text becomes JSON.
@@ -113,7 +117,14 @@ class McapFile:
         Where one of this name has a key of it already, a number is added to the name ("resumed 2"):
         viewers take such keys for a mistake.
         """
-        texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in values.items()}
+        try:
+            texts = {k: v if isinstance(v, str) else json.dumps(v) for k, v in values.items()}
+            "".join([*texts, *texts.values()]).encode()  # as the file has them
+        except (AttributeError, TypeError, ValueError, RecursionError) as error:
+            raise RecordingError(
+                f"the metadata for {self.path} cannot be recorded ({error}); give a dictionary of "
+                "texts, and of numbers, lists and dictionaries that JSON can hold"
+            ) from None
         unique, count = name, 1
         while self._metadata_keys.setdefault(unique, set()) & texts.keys():
             count += 1
@@ -170,7 +181,7 @@ class McapFile:
 
     def seal(self, durable: bool = False) -> None:
         """Write everything so far, with a valid end; `durable`: so that a power cut spares it."""
-        if self._file is None:
+        if not self.is_open:
             raise RecordingError(f"{self.path} is closed; nothing more can be recorded in it")
         if self._published and not self._is_in_place():
             self.close()
@@ -182,9 +193,11 @@ class McapFile:
         self._writer.flush()  # ends the chunk
         end = self._tail.tell()
         self._writer.finish()
-        data, start = self._tail.getvalue(), self._tail.start
-        descriptor, written = self._file.fileno(), 0
+        data, start, written = self._tail.getvalue(), self._tail.start, 0
         with self._refusing():
+            if self._file is None:
+                self._create()
+            descriptor = self._file.fileno()
             try:
                 # In one call: a kill finds the file with the old end or with the new one.
                 while written < len(data):  # where the disk is full, less is written at first
@@ -218,7 +231,6 @@ class McapFile:
 
     def close(self) -> None:
         """Close without a seal, and remove the file if it was not published."""
+        self.is_open = False
         if self._file is not None:
-            self._file.close()
-            self._file = None
-            self._temporary.unlink(missing_ok=True)
+            self._remove()

@@ -63,6 +63,10 @@ class Recording(Scan):
                 return kind
         return "unknown"
 
+    def __repr__(self) -> str:
+        about = self.metadata.get("experiment", "nothing that we know")[:MAX_NAME]
+        return printable(f"<{_KINDS[self.kind].capitalize()} of {about}, {self.path}>")
+
     @property
     def metadata(self) -> dict[str, str]:
         """What the file says of its run or rollout."""
@@ -223,6 +227,8 @@ class Recording(Scan):
 
     def _channel(self, topic: str):
         if topic not in self._channels:
+            if self.kind == ROLLOUT and not self.topics.get("/reward"):
+                raise RecordingError(f"{self.path} is a rollout without a step; record one anew")
             raise RecordingError(
                 f"{self.path} has no topic {topic!r}; it has {', '.join(self.topics) or 'none'}"
             )
@@ -279,9 +285,10 @@ def describe(path: str | Path) -> str:
     if recording.kind == RUN and topics.get("/evaluation"):
         scores = recording.array("/evaluation", "mean")
         lines.append(f"  {len(scores)} evaluations, best {scores.max():.1f}")
-    if recording.kind == ROLLOUT and topics.get("/reward"):
-        total = recording.array("/reward", "total")
-        lines.append(f"  {len(total)} steps, {recording.seconds:.2f} s, {total[-1]:.1f} points")
+    if recording.kind == ROLLOUT:
+        total = recording.array("/reward", "total") if topics.get("/reward") else ()
+        points = f", {recording.seconds:.2f} s, {total[-1]:.1f} points" if len(total) else ""
+        lines.append(f"  {len(total)} steps{points}")
     if not recording.complete:
         stopped = "was stopped" if END in dict(records) else "has not ended, or was killed"
         reason = recording.problem or f"the run {stopped}"

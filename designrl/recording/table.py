@@ -16,11 +16,11 @@ SUFFIXES = (".csv", ".parquet")
 Table = dict[str, np.ndarray]
 
 
-def table(path: str | Path, episodes: bool = False) -> Table:
+def table(path: str | Path | Recording, episodes: bool = False) -> Table:
     """A recording as columns of one length, which `pandas.DataFrame` takes as they are.
 
     Args:
-        path: a recording, as `read` takes it.
+        path: a recording, or what `read` takes.
         episodes: of a run, a row for each episode of its evaluations.
 
     Returns: of a run, a row for each generation: the fields of Summary (see `schema.proto`), the
@@ -31,15 +31,19 @@ def table(path: str | Path, episodes: bool = False) -> Table:
     Raises:
         RecordingError: no such recording, or one with nothing of this or damaged.
     """
-    recording = read(path)
+    recording = path if isinstance(path, Recording) else read(path)
     if recording.kind == RUN:
         found = _evaluation_episodes(recording) if episodes else _generations(recording)
     elif recording.kind == ROLLOUT and not episodes:
         found = _steps(recording)
     else:
-        raise RecordingError(f"{path} is no recording of {'a run' if episodes else 'ours'}")
+        raise RecordingError(
+            f"{recording.path} is no recording of {'a run' if episodes else 'ours'}"
+        )
     if len({column.shape for column in found.values()}) != 1:
-        raise RecordingError(f"{path} has messages that do not fit each other; get it again")
+        raise RecordingError(
+            f"{recording.path} has messages that do not fit each other; get it again"
+        )
     return found
 
 

@@ -4,12 +4,14 @@
     designrl replay runs/biped-morphology/seed0          # a run's folder: learning and rollouts
     designrl replay a.mcap b.mcap --save both.rrd
     designrl replay rollout.mcap --headless-screenshot picture.png
+    designrl replay biped/seed0 biped/seed1              # their learning curves in one plot, too
     designrl replay rollout.mcap --web                   # in a browser, also through ssh
 
 The layout (`viewer.layout`) and the data (`viewer.data`) are made apart, both without a window.
 A run is on the timeline `generation`, a rollout on the timeline `time` (s of simulated time).
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,10 +27,10 @@ with optional("the viewer", "view"):
 from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
-from designrl.viewer.data import log_recording
+from designrl.viewer.data import log_comparison, log_recording
 from designrl.viewer.display import require_display
 from designrl.viewer.executable import Rerun
-from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation
+from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation, runs_of
 from designrl.viewer.picture import take_picture
 from designrl.viewer.web import serve
 
@@ -41,6 +43,7 @@ def replay(
     screenshot: str | Path | None = None,
     at: float | None = None,
     web: tuple[str, int] | None = None,
+    say: Callable[[Path], None] = lambda path: None,
 ) -> None:
     """Open recordings in Rerun, or write them as an .rrd file or a picture, or serve them.
 
@@ -52,6 +55,7 @@ def replay(
             time; else a run's last generation, or the middle of a rollout.
         web: address and port to serve them at to browsers, until Ctrl-C, instead of opening a
             viewer.
+        say: called with the file of each recording that is shown.
 
     Raises:
         InputError: a file that cannot be read or written or that exists already,
@@ -70,6 +74,8 @@ def replay(
         write_atomically(save, rrd)
     if screenshot is not None:
         write_atomically(screenshot, take_picture(rrd, *_moment(recordings[0], at)))
+    for recording in recordings:
+        say(recording.path)
     if web is not None:
         serve(rrd, *web)
     elif not targets:
@@ -121,6 +127,8 @@ def _moment(recording: Recording, at: float | None) -> tuple[str, int | float]:
 def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[str]) -> None:
     for recording, name in zip(recordings, names, strict=True):
         log_recording(stream, recording, name)
+    if len(runs := runs_of(recordings)) > 1:
+        log_comparison(stream, runs)
     stream.flush()
 
 

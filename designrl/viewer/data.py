@@ -7,9 +7,10 @@ import rerun as rr
 
 from designrl.bodies import ORIGINAL_AT, ORIGINAL_COLOR
 from designrl.bodies.robot import Robot
+from designrl.compare import labels
 from designrl.recording import Recording, RecordingError
 from designrl.viewer.drawing import log_floor, log_part, log_robot, log_terrain
-from designrl.viewer.layout import GENERATION, TIME, body_of, entity
+from designrl.viewer.layout import COMPARED, GENERATION, TIME, body_of, entity
 
 MAX_FIGURES = 300  # bodies of a run that are drawn, evenly spaced over its generations
 RED = (255, 60, 60)
@@ -93,11 +94,30 @@ def log_run(stream: rr.RecordingStream, recording: Recording, name: str) -> None
         stream.send_columns(path, times, rr.Scalars.columns(scalars=scores))
         best = np.maximum.accumulate(scores)
         _series(stream, f"{name}/evaluation/best", times, best, ["best so far"], {"colors": green})
-        # Rerun counts an axis from its first value on: without this, in 99, 1099, 2099.
-        start = [rr.TimeColumn(GENERATION, sequence=[0])]
-        stream.send_columns(f"{name}/evaluation/best", start, rr.Scalars.columns(scalars=[np.nan]))
+        _count_from_0(stream, f"{name}/evaluation/best")
     if recording.topics.get("/design"):
         _log_design(stream, recording, name)
+
+
+def log_comparison(stream: rr.RecordingStream, runs: list[Recording]) -> None:
+    """Log the learning curves of several runs under one entity, by what differs between them."""
+    for i, (run, label) in enumerate(zip(runs, labels(runs), strict=True)):
+        color = {"colors": PALETTE[[i % len(PALETTE)]]}
+        for topic, plot in (("/summary", "population"), ("/evaluation", "evaluation")):
+            if not run.topics.get(topic):
+                continue
+            means = run.array(topic, "mean")
+            if topic == "/evaluation":
+                means = np.maximum.accumulate(means)  # the best so far
+            times = _generations(run, topic)
+            _series(stream, f"{COMPARED}/{plot}/{i}", times, means, [label], color)
+            _count_from_0(stream, f"{COMPARED}/{plot}/{i}")
+
+
+def _count_from_0(stream: rr.RecordingStream, path: str) -> None:
+    # Rerun counts an axis from its first value on: without this, in 99, 1099, 2099.
+    start = [rr.TimeColumn(GENERATION, sequence=[0])]
+    stream.send_columns(path, start, rr.Scalars.columns(scalars=[np.nan]))
 
 
 def _generations(recording: Recording, topic: str) -> list[rr.TimeColumn]:

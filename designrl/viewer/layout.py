@@ -11,6 +11,7 @@ from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.recording import Recording
 
+COMPARED = "runs_compared"  # entity of what several runs have in one plot
 GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
 RUN_SECONDS = 30.0  # s of a viewer's time to play a whole run
 NEAR_CURSOR = (-4.0, 1.0, 4.5)  # s from the cursor: first and last data shown, end of the axis
@@ -70,6 +71,8 @@ def blueprint(
     hints = ["" if r.kind == first.kind else HINTS[r.kind] for r in recordings]
     each = zip(recordings, names, titles, hints, strict=True)
     tabs = [makers[r.kind](r, *about) for r, *about in each]
+    if len(runs := runs_of(recordings)) > 1:
+        tabs.insert(0, comparison_layout(runs, "" if first.kind == "run" else HINTS["run"]))
     panel = {"timeline": TIME}
     if first.kind == "run":
         panel = {"timeline": GENERATION, "fps": max(1.0, last_generation(first) / RUN_SECONDS)}
@@ -80,6 +83,23 @@ def blueprint(
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="hidden" if for_picture else "expanded"),
     )
+
+
+def runs_of(recordings: list[Recording]) -> list[Recording]:
+    """Those of training runs."""
+    return [recording for recording in recordings if len(recording.generations)]
+
+
+def comparison_layout(runs: list[Recording], hint: str = "") -> rrb.Container:
+    """The learning curves of several runs, one over the other."""
+    axis = _whole(max(map(last_generation, runs)), WIDE)
+    plots = [
+        _plot(f"best evaluation so far, points{hint}", f"{COMPARED}/evaluation", axis),
+        _plot("population's mean return in training", f"{COMPARED}/population", axis),
+    ]
+    if not any(run.topics.get("/evaluation") for run in runs):
+        del plots[0]
+    return rrb.Vertical(*plots, name=f"{len(runs)} runs compared")
 
 
 def tab_titles(recordings: list[Recording]) -> list[str]:
@@ -112,12 +132,13 @@ def last_generation(recording: Recording) -> int:
 def rollout_layout(recording: Recording, name: str, title: str, hint: str = "") -> rrb.Container:
     """The body from its side, and below it what it gets, does and feels."""
     root = entity(name)
+    body = body_of(recording)
     plots = [
-        _plot_near_cursor(about, f"{root}{topic}")
-        for topic, about in (
-            ("/reward", "reward terms, points per step"),
-            ("/action", "actions"),
-            ("/joints", "joint angles, rad"),
+        _plot_near_cursor(about, f"{root}{topic}", share)
+        for topic, about, share in (
+            ("/reward", "reward terms, points per step", 1.0),
+            ("/action", "actions", body.action_seconds / Body.action_seconds),
+            ("/joints", "joint angles, rad", 1.0),
         )
         if recording.topics.get(topic)
     ]
@@ -130,9 +151,8 @@ def rollout_layout(recording: Recording, name: str, title: str, hint: str = "") 
         plot_legend=rrb.PlotLegend(visible=False),
         axis_x=_whole(recording.seconds, 0.0),
     )
-    eye = body_of(recording).rollout_eye
     return rrb.Vertical(
-        _scene(about + hint, f"{root}/world/follow", f"{root}/world/**", eye),
+        _scene(about + hint, f"{root}/world/follow", f"{root}/world/**", body.rollout_eye),
         rrb.Horizontal(score, *plots),
         row_shares=[2, 1],
         name=title,
@@ -188,7 +208,9 @@ def training_changes(recording: Recording) -> list[str]:
 def training_rewards(recording: Recording) -> list[str]:
     """The rewards that only a run's training and its evaluations have, in words."""
     experiment = EXPERIMENTS.get(recording.metadata.get("experiment"))
-    return [name.replace("_", " ") for name in experiment.training_kwargs] if experiment else []
+    words = [name.replace("_", " ") for name in experiment.training_kwargs] if experiment else []
+    weights = recording.about("settings").get("reward_weights") or {}
+    return words + [f"{term} × {weight:g}" for term, weight in weights.items()]
 
 
 def _scene(title: str, origin: str, contents: str, eye) -> rrb.Spatial3DView:
@@ -207,9 +229,9 @@ def _plot(title: str, origin: str, axis: rrb.TimeAxis) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(name=title, origin=origin, plot_legend=LEGEND, axis_x=axis)
 
 
-def _plot_near_cursor(title: str, origin: str) -> rrb.TimeSeriesView:
+def _plot_near_cursor(title: str, origin: str, share: float) -> rrb.TimeSeriesView:
     at = rrb.TimeRangeBoundary.cursor_relative
-    before, after, end = (at(seconds=seconds) for seconds in NEAR_CURSOR)
+    before, after, end = (at(seconds=share * seconds) for seconds in NEAR_CURSOR)
     return rrb.TimeSeriesView(
         name=title,
         origin=origin,

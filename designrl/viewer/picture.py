@@ -28,12 +28,23 @@ def take_picture(rrd: bytes, timeline: str, at: int | float) -> bytes:
     with Rerun("--headless", "--window-size", WINDOW_SIZE, rrd=rrd) as rerun:
         try:
             viewer = rerun.viewer()
-            place = {"sequence" if isinstance(at, int) else "duration": at}
-            viewer.set_time(timeline, play_state="paused", **place)
+            _go_to(viewer, timeline, {"sequence" if isinstance(at, int) else "duration": at})
             return _without_bar(_still_picture(viewer))
         except RuntimeError as error:
             reason = NO_DRIVER if rerun.says(NO_DRIVER_MESSAGE) else f"no picture: {error}"
             raise InputError(reason) from None
+
+
+def _go_to(viewer: ViewerClient, timeline: str, place: dict) -> None:
+    start = time.monotonic()
+    while True:
+        try:
+            viewer.set_time(timeline, play_state="paused", **place)
+            return
+        except ConnectionError as error:  # it has not read the data yet
+            if time.monotonic() - start > STILL_SECONDS:
+                raise RuntimeError(str(error)) from None
+        time.sleep(0.1)
 
 
 def _still_picture(viewer: ViewerClient) -> bytes:
