@@ -215,7 +215,7 @@ def evaluate(
         time.perf_counter() - start,
         simulator.backend,
         {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
-        file=agent.file and str(agent.file),
-        sha256=agent.file and file_hash(agent.file),
+        file=str(agent.file) if agent.file else None,
+        sha256=file_hash(agent.file) if agent.file else None,
         reward_weights=dict(env_kwargs.get("reward_weights") or {}),
     )

@@ -94,7 +94,7 @@ class ReinforceSettings:
 
 
 # What the paper's text writes, in place of the published code's form (`--recipe plain`).
-PLAIN_CHANGES = {
+PLAIN_CHANGES: dict[str, typing.Any] = {
     "mirrored": False,
     "ranks": False,
     "weight_decay": 0.0,
@@ -220,7 +220,7 @@ class TrainSettings(ReinforceSettings):
         world = WORLDS.get(experiment.env_id)  # an environment of one's own knows its terms itself
         terms = world.reward_terms if world else tuple(self.reward_weights)
         weights = checked_weights(self.reward_weights, terms)
-        if self.shaped_rewards:
+        if self.shaped_rewards and experiment.shaping:
             experiment.shaping.check(weights)
         object.__setattr__(self, "reward_weights", weights or None)
 
@@ -255,7 +255,8 @@ class TrainSettings(ReinforceSettings):
             changes = [option(name, x) for name, x in vars(self).items() if x != base[name]]
             start = f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"
             found.append([start, *changes])
-        return " ".join(min(found, key=len))
+        shortest = min(found, key=len)
+        return " ".join(shortest)
 
 
 def option(name: str, value) -> str:

@@ -188,10 +188,16 @@ class TrainingRun:
 
     def simulator(self) -> Simulator:
         """What simulates them, where this run is to be executed."""
-        about = {"workers": self.workers, "ray": self.ray, "space": self.settings.space}
-        if self.settings.reward_weights:  # an environment of one's own need not take any
-            about["reward_weights"] = self.settings.reward_weights
-        return Simulator(self.experiment, self.backend, **about)
+        weights = self.settings.reward_weights
+        return Simulator(
+            self.experiment,
+            self.backend,
+            workers=self.workers,
+            ray=self.ray,
+            space=self.settings.space,
+            # An environment of one's own need not take any.
+            **({"reward_weights": weights} if weights else {}),  # type: ignore[arg-type]
+        )
 
     def run(self) -> None:
         """Train to the last generation.

@@ -150,7 +150,7 @@ def wait_for_end(opened) -> str:
     """How the course ends, at sixteen times the speed."""
     opened.select_option(f"{PLAYGROUND} [data-at=speed]", "16")
     end = f"document.querySelector('{PLAYGROUND} [data-at=frame]').dataset.end"
-    opened.wait_for_function(end, timeout=120_000)
+    opened.wait_for_function(end, timeout=1_800_000)
     return opened.evaluate(end)
 
 

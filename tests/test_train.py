@@ -132,12 +132,10 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     command = [sys.executable, "-m", "designrl", "train", "biped", "--out", str(tmp_path)]
     command += ["--population", "4", "--rollouts", "1", "--backend", "reference"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
-    while not (tmp_path / "generations.mcap").exists() and time.monotonic() < deadline:
+    while not (tmp_path / "generations.mcap").exists() and process.poll() is None:
         time.sleep(0.01)
-    time.sleep(1.0)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=1800)
     assert process.returncode == 130
     assert f"designrl train biped --out {tmp_path}" in errors
     assert "--resume" in errors

@@ -23,7 +23,7 @@ def test_a_block_of_the_page_is_a_script_that_runs(block, tmp_path):
             pytest.skip(f"needs {name}")
     (tmp_path / "block.py").write_text(block)
     command = [sys.executable, "block.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
 
 

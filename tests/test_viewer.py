@@ -42,7 +42,7 @@ def rerun(*arguments) -> subprocess.CompletedProcess:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=60,
+        timeout=1800,
     )
 
 
@@ -505,7 +505,7 @@ def test_a_browser_shows_our_layout(served):
 
         def sky() -> float:
             page.wait_for_timeout(2000)
-            picture = Image.open(io.BytesIO(page.screenshot(timeout=60_000))).convert("RGB")
+            picture = Image.open(io.BytesIO(page.screenshot(timeout=1_800_000))).convert("RGB")
             return _share(np.array(picture), (210, 210, 250), (220, 220, 255))
 
         assert any(sky() > 10 for _ in range(30))  # behind the body; only our layout has it

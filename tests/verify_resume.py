@@ -38,7 +38,7 @@ EXIT_CODES = {  # that a trainer may end with after each; 0 where it was done be
     "SIGTERM": (0, 130, -15),
     "SIGINT": (0, 130, -2, 1),
 }
-MOST_SECONDS = 120.0  # for one run to end, on a busy machine
+MOST_SECONDS = 1800.0  # for one run to end: a guard against one that hangs, on any machine
 
 
 class DifferenceError(Exception):
@@ -151,7 +151,7 @@ def run_with_kills(
         code, errors = finish(process)
         if code not in EXIT_CODES[victim]:
             raise DifferenceError(f"after killing {victim}: exit code {code}: {errors}")
-        if left := psutil.wait_procs(family, timeout=30)[1]:
+        if left := psutil.wait_procs(family, timeout=MOST_SECONDS)[1]:
             raise DifferenceError(f"after killing {victim}, {left} outlived their trainer")
         generations, _ = held(out)
         if generations != list(range(len(generations))):
