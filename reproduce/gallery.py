@@ -1,58 +1,75 @@
-"""Short looping videos of each experiment's best agent, for the README.
+"""Short looping videos of each experiment's best agent, for the README and the page.
 
     make gallery
 
-Writes paper/gallery/EXPERIMENT.webp, a stretch of one typical rollout; experiments without a
-checkpoint are skipped. Not part of `make reproduce`: nothing is read from it.
+Writes paper/gallery/EXPERIMENT.webp, a stretch of one typical rollout, and for the walkers on
+hardcore ground fall-EXPERIMENT.webp, the end of the rollout with the lowest score; experiments
+without a checkpoint are skipped. Not part of `make reproduce`: nothing is read from it.
 """
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from PIL import Image
 from tqdm import tqdm
 
-from designrl.video import captioned, film, write_video
+from designrl.evaluation import episode_seeds
+from designrl.video import EVERY, captioned, film, write_video
 from reproduce.drawing import typical_seed
 from reproduce.paths import EIGHT, shown
 from reproduce.program import program
-from reproduce.scores import Score
+from reproduce.scores import EPISODES, SEED, Score
 from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
 
 WIDTH = 400  # pixels
 FIRST, LAST = 1.2, 3.6  # s of the rollout
+HELD = 15  # pictures that a fall's last one stays
 
 
-def frames(s: Score) -> Iterator[Image.Image]:
-    """The pictures, with the agent's name and score."""
+def walk(s: Score) -> Iterator[Image.Image]:
+    """Pictures of a typical rollout, with the agent's name and score."""
     for picture, seconds, _ in film(s.agent, typical_seed(s)):
         if seconds > LAST:
             return
         if seconds >= FIRST:
-            image = Image.fromarray(picture)
-            size = WIDTH, round(image.height * WIDTH / image.width)
-            name = f"{s.agent.experiment.title}, {s.run}"
-            score = mean_and_std(s.mean, s.std)
-            yield captioned(image.resize(size, Image.Resampling.LANCZOS), name, score)
+            yield drawn(picture, s, mean_and_std(s.mean, s.std))
 
 
-def write(s: Score, folder: Path) -> Path:
-    """Write an agent's video to a folder; returns its path."""
-    path = folder / f"{s.agent.experiment.name}.webp"
-    write_video(path, frames(s), s.agent)
-    return path
+def fall(s: Score) -> Iterator[Image.Image]:
+    """Pictures of the end of the rollout with the lowest score."""
+    seed = int(episode_seeds(SEED, EPISODES)[s.returns.argmin()])
+    count = round((LAST - FIRST) / (EVERY * s.agent.experiment.body.time_step))
+    pictures = [picture for picture, _, _ in deque(film(s.agent, seed), maxlen=count)]
+    for picture in pictures + HELD * pictures[-1:]:
+        yield drawn(picture, s, f"{s.returns.min():.0f}, its lowest of {EPISODES}")
+
+
+def drawn(picture, s: Score, score: str) -> Image.Image:
+    """A picture, small, with the agent's name and a score."""
+    image = Image.fromarray(picture)
+    size = WIDTH, round(image.height * WIDTH / image.width)
+    name = f"{s.agent.experiment.title}, {s.run}"
+    return captioned(image.resize(size, Image.Resampling.LANCZOS), name, score)
+
+
+def write(path: Path, frames: Iterable[Image.Image], s: Score) -> None:
+    """Write a video, and say so."""
+    write_video(path, frames, s.agent)
+    tqdm.write(f"{shown(path)}: {path.stat().st_size / 1024:.0f} kB")
 
 
 def main() -> None:
-    """Write a video per experiment that has a checkpoint."""
+    """Write the videos of each experiment that has a checkpoint."""
     sources = Sources.asked()
     with tqdm(EIGHT, unit="video") as bar:
         for name in bar:
             bar.set_postfix_str(name)
             if s := sources.representative(name):
-                path = write(s, sources.folder / "gallery")
-                tqdm.write(f"{shown(path)}: {path.stat().st_size / 1024:.0f} kB")
+                write(sources.folder / f"gallery/{name}.webp", walk(s), s)
+                if "hardcore" in name:
+                    write(sources.folder / f"gallery/fall-{name}.webp", fall(s), s)
 
 
 if __name__ == "__main__":

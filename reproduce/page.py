@@ -1,10 +1,10 @@
-"""The page, docs/page/index.html: walkers that walk in the browser, and every result beside them.
+"""The page, docs/page/index.html: walkers and ants in the browser, and every result beside them.
 
     python -m reproduce.page
 
 One file that asks for nothing else, except figures and films beside it. Reads docs/page/src/, the
-engine's sources, README.md, Table 3, pretrained/ and logs/. The engine becomes WebAssembly by the
-clang of ziglang (requirements-extras.lock).
+engine's sources, README.md, Table 3, the scores (reproduce/scores.py), pretrained/ and logs/. The
+engine becomes WebAssembly by the clang of ziglang (requirements-extras.lock).
 """
 
 import base64
@@ -22,20 +22,21 @@ from pathlib import Path
 import markdown
 import numpy as np
 
-import designrl
+from designrl.envs.tasks import engine_task
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds
-from designrl.experiments import EXPERIMENTS
 from designrl.files import write_atomically
-from designrl.names import our_agents
+from designrl.policy import noise_stds
 from designrl.recording import read
+from reproduce import scores
+from reproduce.paths import EIGHT, ROOT, pretrained, recording_of, recordings
+from reproduce.program import program
+from reproduce.scores import EPISODES, SEED, Score
 
-ROOT = Path(__file__).parents[1]
 SOURCE, TARGET = ROOT / "docs/page/src", ROOT / "docs/page/index.html"
 NATIVE = ROOT / "designrl/engine/native"
-WALKERS = [name for name, experiment in EXPERIMENTS.items() if experiment.body.name == "walker"]
-EPISODES, SEED = 100, 0  # of the evaluation, as in Table 3
 LIMIT = 2_000_000  # bytes of the page
+MAX_POLICIES = 4  # of a run, besides the published one
 MAX_GAP = 0.1  # of a run's generations, between two bodies, for a slider over them
 
 COMPILE = [
@@ -58,12 +59,13 @@ FIGURES = {
 
 def sources() -> dict[str, bytes]:
     """All that decides the page, by name."""
-    code = [NATIVE / "page.cpp", *NATIVE.glob("common/*.h"), *NATIVE.glob("walker/**/*.h")]
+    code = [NATIVE / "page.cpp", *(NATIVE / "common").glob("*.h")]
+    code += [path for task in ("walker", "ant") for path in (NATIVE / task).rglob("*.h")]
     found = {str(path): re.sub(rb"//.*", b"", path.read_bytes()) for path in code}  # no comments
     read = [*SOURCE.iterdir(), Path(__file__), ROOT / "paper/tables/table3.md"]
-    for name in EXPERIMENTS:
+    for name in EIGHT:
         read += (ROOT / "pretrained" / name).glob("*.safetensors")
-        read += (ROOT / "logs" / name).glob("*/generations.mcap")
+        read += recordings(name)
     found |= {str(path): path.read_bytes() for path in read if path.is_file()}
     found |= {"films": repr(films()).encode(), "README": (answers() + install()).encode()}
     return {name.removeprefix(f"{ROOT}/"): found[name] for name in sorted(found)}
@@ -122,41 +124,58 @@ def script() -> str:
 # ----------------------------------------------------------------------------------------- data
 
 
-def agents() -> dict[str, designrl.policy.Agent]:
-    """The published walkers by name."""
-    paths = [
-        p for name in WALKERS for p in sorted((ROOT / "pretrained" / name).glob("*.safetensors"))
-    ]
-    return {f"{path.parent.name}/{path.stem}": designrl.load(path) for path in paths}
+def agents() -> dict[str, Score]:
+    """The published agents by name, with their scores."""
+    files = [(path, name) for name in EIGHT for path in pretrained(name)]
+    found = scores.usable(scores.score_all(files))
+    return {f"{score.agent.experiment.name}/{score.path.stem}": score for score in found}
 
 
-def data(found: dict) -> tuple[dict, np.ndarray]:
-    """What the script reads (agents.js), and the policies' weights (rows, 2804) float32."""
-    weights, rows, runs = [], [], {}
-    for name, agent in found.items():
-        weights.append(agent.parameters[: agent.network.num_weights])
-        scores = designrl.evaluate(agent, episodes=EPISODES, seed=SEED).scores
-        rows.append(
-            {
-                "name": name,
-                "experiment": agent.experiment.name,
-                "design": agent.scales.tolist(),
-                "scores": scores.tolist(),
-                "mean": round(float(scores.mean()), 2),
-            }
-        )
-    for name, agent in found.items():
-        if (ROOT / "logs" / name / "generations.mcap").is_file():
-            runs[name] = run(name, agent, weights)
-    experiments = {name: EXPERIMENTS[name].title for name in WALKERS}
+class Policies:
+    """Policies as the script reads them: weights one after the other, and where each begins."""
+
+    def __init__(self):
+        self.weights = []
+
+    def add(self, network, parameters: np.ndarray) -> dict:
+        """Keep a policy's weights; returns its row for agents.js."""
+        weights = parameters[: network.num_weights].astype(np.float32)
+        log_stds = parameters[network.num_weights : network.num_parameters]
+        row = {"at": sum(map(len, self.weights)) if weights.any() else None}  # None: zeros
+        if weights.any():
+            self.weights.append(weights)
+        return row | ({"stds": noise_stds(log_stds[None])[0].tolist()} if network.noise else {})
+
+
+def data(found: dict[str, Score]) -> tuple[dict, np.ndarray]:
+    """What the script reads (agents.js), and the policies' weights, (N,) float32."""
+    policies, rows, runs = Policies(), [], {}
+    for name, score in found.items():
+        agent, experiment = score.agent, score.agent.experiment
+        row = {
+            "name": name,
+            "experiment": experiment.name,
+            "task": experiment.body.name,
+            "hardcore": "hardcore" in experiment.name,
+            "limit": engine_task(experiment.env_id)[0].max_steps,
+            "design": agent.scales.tolist(),
+            "scores": score.returns.tolist(),
+            "mean": round(score.mean, 2),
+        }
+        rows.append(row | policies.add(agent.network, agent.parameters))
+    for name, score in found.items():
+        if recording_of(score.path).is_file():
+            runs[name] = run(score, policies)
+    experiments = {name: experiment.title for name, experiment in EIGHT.items()}
     courses = episode_seeds(SEED, EPISODES).tolist()
     about = {"agents": rows, "courses": courses, "experiments": experiments, "runs": runs}
-    return about | {"weights": agent.network.num_weights}, np.array(weights, dtype=np.float32)
+    return about, np.concatenate(policies.weights)
 
 
-def run(name: str, agent, weights: list) -> dict:
-    """A run's evaluations, bodies and policies; the policies' weights are added to the list."""
-    recording = read(ROOT / "logs" / name / "generations.mcap")
+def run(score: Score, policies: Policies) -> dict:
+    """A run's evaluations, bodies and policies."""
+    agent, path = score.agent, recording_of(score.path)
+    recording = read(path)
     means = recording.array("/evaluation", "mean").tolist()
     about = {
         "kept": agent.metadata["generation"],
@@ -168,7 +187,7 @@ def run(name: str, agent, weights: list) -> dict:
             )
         ],
     }
-    if not usable_history(name):
+    if not usable_history(path):
         return about
     generations = recording.array("/design", "generation").astype(int)
     scales = recording.array("/design", "dimensions") / agent.experiment.body.design.originals
@@ -176,32 +195,26 @@ def run(name: str, agent, weights: list) -> dict:
         {"generation": g, "scales": row}
         for g, row in zip(generations.tolist(), scales.round(4).tolist(), strict=True)
     ]
-    first = next(n for n in runs_of(agent.experiment.name) if usable_history(n))
-    about["policies"] = []
-    for g, mean in zip(
-        recording.array("/distribution", "generation").tolist(),
-        recording.array("/distribution", "mu"),
-        strict=True,
-    ):
-        policy = mean[: agent.network.num_weights]
-        if not policy.any():
-            about["policies"].append({"generation": g, "row": None})
-        elif name == first and g < about["kept"]:  # of one run each: 11 kB a policy
-            about["policies"].append({"generation": g, "row": len(weights)})
-            weights.append(policy)
+    first = next(filter(usable_history, map(recording_of, pretrained(agent.experiment.name))))
+    generations = recording.array("/distribution", "generation")
+    means = recording.array("/distribution", "mu")
+    kept = np.flatnonzero(generations < about["kept"])
+    if path == first:  # of one run each: a policy has 15 to 23 kB
+        shown = kept[np.unique(np.linspace(0, len(kept) - 1, MAX_POLICIES).round().astype(int))]
+    else:
+        shown = kept[generations[kept] == 0]
+    about["policies"] = [
+        {"generation": int(generations[i])} | policies.add(agent.network, means[i]) for i in shown
+    ]
     return about
 
 
-def runs_of(experiment: str) -> list[str]:
-    """Names of an experiment's published runs."""
-    folders = sorted((ROOT / "logs" / experiment).glob("*/generations.mcap"))
-    return [f"{experiment}/{path.parent.name}" for path in folders]
-
-
 @cache
-def usable_history(name: str) -> bool:
-    """Whether a recording has bodies all along."""
-    recording = read(ROOT / "logs" / name / "generations.mcap")
+def usable_history(path: Path) -> bool:
+    """Whether there is a recording, with bodies all along."""
+    if not path.is_file():
+        return False
+    recording = read(path)
     if not recording.topics.get("/design"):
         return False
     last = recording.array("/summary", "generation").max() + 1
@@ -247,16 +260,16 @@ def figures() -> str:
 
 def films() -> list[str]:
     """Names of the films."""
-    names = sorted(path.stem for path in (ROOT / "paper/gallery").glob("*.webp"))
-    order = list(EXPERIMENTS)
-    return sorted(names, key=lambda name: order.index(name) if name in order else len(order))
+    names = [*EIGHT, *(f"fall-{name}" for name in EIGHT)]
+    return [name for name in names if (ROOT / f"paper/gallery/{name}.webp").is_file()]
 
 
 def film_figures() -> str:
     """The films with their names."""
 
     def title(name: str) -> str:
-        return EXPERIMENTS[name].title if name in EXPERIMENTS else name.replace("-", " ")
+        fall = name.removeprefix("fall-")
+        return EIGHT[name].title if name in EIGHT else f"{EIGHT[fall].title}: a fall"
 
     return "".join(
         f'<figure><img loading="lazy" src="../../paper/gallery/{name}.webp" alt="{title(name)}">'
@@ -265,10 +278,10 @@ def film_figures() -> str:
     )
 
 
-def run_tables(found: dict) -> str:
+def run_tables(found: dict[str, Score]) -> str:
     """Every published run with its card, curve, recording and command."""
-    parts, index = [], our_agents()
-    for experiment in EXPERIMENTS.values():
+    parts = []
+    for experiment in EIGHT.values():
         rows = ["| | score | | | |", "|---|---|---|---|---|"]
         commands = set()
         for path in sorted((ROOT / "pretrained" / experiment.name).glob("*.safetensors")):
@@ -278,10 +291,10 @@ def run_tables(found: dict) -> str:
             links = [f"[card](../../pretrained/{name}.md)"] if text else []
             if path.with_suffix(".png").is_file():
                 links.append(f"[curve](../../pretrained/{name}.png)")
-            if (ROOT / "logs" / name).is_dir():
+            if recording_of(path).is_file():
                 links.append(f"[recording](../../logs/{name}/generations.mcap)")
             watch = f'<button data-watch="{name}">Watch</button>' if name in found else ""
-            score = f"{index[name]['mean']:.1f} ± {index[name]['std']:.1f}" if name in index else ""
+            score = f"{found[name].mean:.1f} ± {found[name].std:.1f}" if name in found else ""
             cells = [path.stem, score, ", ".join(links), watch]
             rows.append(f"| {' | '.join(cells)} | |")
             commands |= set(re.findall(r"^designrl train .*?(?= --seed)", text, re.M))
@@ -328,4 +341,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with program("page"):
+        main()

@@ -1,16 +1,12 @@
 """The report: all tables and figures, what they rest on, where we differ, what it cost.
 
-Reads report_template.md, the figures, pretrained/ and logs/. Writes paper/report.md, and
-paper/report.html: one file with all pictures inside, which git does not keep.
+Reads report_template.md, the figures, pretrained/ and logs/. Writes paper/report.md.
 """
 
-import base64
-import html
 import itertools
 import re
 from pathlib import Path
 
-import markdown
 import numpy as np
 
 from designrl.errors import InputError
@@ -159,57 +155,8 @@ def origin(s: Score) -> str:
     return f"[{s.run}](../{shown(s.path.with_suffix('.md'))})"
 
 
-# ----------------------------------------------------------------------------------------- page
-
-STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
-  max-width: 54rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
-h1, h2, h3 { line-height: 1.2; }
-h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
-img { width: 100%; max-width: 44rem; height: auto; display: block; margin: 0 auto; }
-.wide { overflow-x: auto; width: max-content; min-width: 100%; max-width: calc(100vw - 3rem);
-  position: relative; left: 50%; transform: translateX(-50%); }
-table { border-collapse: collapse; font-size: 0.8rem; margin: 0 auto; }
-th, td { padding: 0.2rem 0.5rem; border-bottom: 1px solid #ddd; text-align: left;
-  vertical-align: top; white-space: nowrap; }
-th { min-width: 3.5rem; white-space: normal; vertical-align: bottom; overflow-wrap: normal; }
-td.long { white-space: normal; min-width: 13rem; }
-@media (max-width: 40rem) { th, td { padding: 0.2rem; font-size: 0.75rem; min-width: 0; }
-  td.long:not(:last-child) { min-width: 8rem; } }
-pre { overflow-x: auto; background: #f4f4f4; padding: 0.7rem; }
-code { font-size: 0.85em; overflow-wrap: anywhere; }
-em { font-size: 0.85em; color: #444; }
-nav a { margin-right: 1rem; }
-"""
-
-
-def page(text: str, folder: Path) -> str:
-    """The report's Markdown as one HTML file: pictures inside, no script, nothing to load."""
-    text = text.replace("<details>", '<details markdown="1">')
-    body = markdown.markdown(text, extensions=["tables", "fenced_code", "toc", "md_in_html"])
-    body = body.replace("<table>", '<div class="wide"><table>')
-    body = body.replace("</table>", "</table></div>")
-    body = re.sub(r"<td>(?=[^<]{30})", '<td class="long">', body)
-
-    def inside(match: re.Match) -> str:
-        data = base64.b64encode((folder / match[1]).read_bytes()).decode()
-        return f'src="data:image/png;base64,{data}"'
-
-    body = re.sub(r'src="(figures/[^"]+)"', inside, body)
-    heads = re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', body)
-    contents = "".join(f'<a href="#{anchor}">{name}</a>' for anchor, name in heads)
-    title = html.escape(re.search(r"^# (.*)", text)[1])
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        f"{body.replace('</h1>', f'</h1><nav>{contents}</nav>', 1)}\n</body>\n</html>\n"
-    )
-
-
 def main(sources: Sources) -> list[Path]:
-    """Write the report; returns its files."""
+    """Write the report; returns its file."""
     made = [(item, m.tables(sources)) for item, m in MODULES.items() if hasattr(m, "tables")]
     tables = {table.name: (item, table) for item, found in made for table in found}
     ours = {
@@ -233,7 +180,6 @@ def main(sources: Sources) -> list[Path]:
     folder = sources.folder
     if folder != paths.ROOT / "paper":  # one folder deeper
         text = text.replace("](../", "](../../").replace(f"]({TO_PAPER})", f"](../{TO_PAPER})")
-    written = [folder / "report.md", folder / "report.html"]
-    write_atomically(written[0], text.encode())
-    write_atomically(written[1], page(text, folder).encode())
-    return written
+    path = folder / "report.md"
+    write_atomically(path, text.encode())
+    return [path]

@@ -16,8 +16,11 @@ from reproduce import page
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
 COURSES = episode_seeds(page.SEED, page.EPISODES).tolist()
 PLAYGROUND = "#playground"
-# A body between a learned one and the original, for each agent that learned one.
-CHANGED = np.array([0.8, 1.2, 1.0, 1.1, 0.7, 1.25, 0.9, 1.05])
+# Bodies between learned ones and the original.
+CHANGED = {
+    "walker": np.array([0.8, 1.2, 1.0, 1.1, 0.7, 1.25, 0.9, 1.05]),
+    "ant": 1 + 0.3 * np.sin(np.arange(36)),
+}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +74,7 @@ def test_the_script_has_each_module_once_and_no_imports():
         assert script.count(first) == 1
 
 
-def test_twenty_episodes_have_the_bits_of_the_simulator(open_page):
+def test_thirty_episodes_have_the_bits_of_the_simulator(open_page):
     if reason := engine.missing_reason():
         pytest.skip(reason)
     agents = (
@@ -79,6 +82,8 @@ def test_twenty_episodes_have_the_bits_of_the_simulator(open_page):
         "biped-morphology-smaller-leg/seed0",
         "biped-hardcore-morphology/seed0",
         "biped-hardcore/seed0",
+        "ant/seed0",
+        "ant-morphology/seed2",
     )
     opened = open_page()
     assert set(agents) <= set(opened.evaluate("designrl.agents"))
@@ -92,7 +97,7 @@ def test_twenty_episodes_have_the_bits_of_the_simulator(open_page):
         assert [score for score, _ in found] == result.returns[0].tolist()
         assert [steps for _, steps in found] == result.steps[0].tolist()
         compared += len(found)
-    assert compared == 20
+    assert compared == 30
 
 
 def play(opened, agent: str, seed: int, design=None) -> tuple[float, int]:
@@ -101,30 +106,16 @@ def play(opened, agent: str, seed: int, design=None) -> tuple[float, int]:
     return found["score"], found["steps"]
 
 
-@pytest.mark.parametrize("name", ["biped-morphology/seed0", "biped-hardcore-morphology/seed1"])
-def test_a_changed_body_has_the_simulators_bits(open_page, name):
+@pytest.mark.parametrize(
+    "name", ["biped-morphology/seed0", "biped-hardcore-morphology/seed1", "ant-morphology/seed0"]
+)
+def test_a_changed_body_has_the_bits_of_the_reference(open_page, name):
     agent = designrl.load(page.ROOT / f"pretrained/{name}.safetensors")
-    scores, steps = in_another_body(agent, CHANGED, COURSES[:2])
+    changed = CHANGED[agent.experiment.body.name]
+    expected = designrl.evaluate(agent, 2, page.SEED, backend="reference", design=changed)
     opened = open_page()
-    found = [play(opened, name, seed, CHANGED.tolist()) for seed in COURSES[:2]]
-    assert found == list(zip(scores, steps, strict=True))
-
-
-def in_another_body(agent, scales: np.ndarray, seeds: list[int]) -> tuple[list, list]:
-    """Scores and lengths of an agent's policy in a body of these scales."""
-    import gymnasium
-
-    scores, lengths = [], []
-    for seed in seeds:
-        env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True, design=scales)
-        observation, _ = env.reset(seed=seed)
-        steps = list(agent.steps(env, observation))
-        total = 0.0
-        for step in steps:
-            total += step.reward
-        scores.append(total)
-        lengths.append(len(steps))
-    return scores, lengths
+    found = [play(opened, name, seed, changed.tolist()) for seed in COURSES[:2]]
+    assert found == list(zip(expected.scores, expected.steps, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -133,6 +124,7 @@ def in_another_body(agent, scales: np.ndarray, seeds: list[int]) -> tuple[list, 
         ({"agent": "nobody", "seed": 0}, "no agent nobody"),
         ({"agent": "biped/seed0", "seed": 0, "design": [1] * 7}, "8 scales from 0.25 to 1.75"),
         ({"agent": "biped/seed0", "seed": 0, "design": [2] * 8}, "8 scales from 0.25 to 1.75"),
+        ({"agent": "ant/seed0", "seed": 0, "design": [1] * 8}, "36 scales from 0.25 to 1.75"),
     ],
 )
 def test_what_cannot_be_played_is_refused(open_page, what, message):
@@ -146,7 +138,12 @@ def text(opened, name: str) -> str:
 
 def scales(opened) -> list[float]:
     inputs = opened.query_selector_all(f"{PLAYGROUND} input[type=range]")
-    return [float(each.input_value()) for each in inputs]
+    found = {int(each.get_attribute("data-index")): float(each.input_value()) for each in inputs}
+    return [found[i] for i in range(len(found))]
+
+
+def sliders_in_view(opened) -> list:
+    return opened.query_selector_all(f"{PLAYGROUND} fieldset:not([hidden]) input")
 
 
 def wait_for_end(opened) -> str:
@@ -167,8 +164,11 @@ def share(pixels: np.ndarray, color) -> float:
     return 100 * (np.abs(pixels - color).max(axis=2) < 24).mean()
 
 
-def test_an_untouched_course_ends_with_evaluates_score(open_page):
+@pytest.mark.parametrize("agent", [None, "ant-morphology/seed1"])
+def test_an_untouched_course_ends_with_evaluates_score(open_page, agent):
     opened = open_page()
+    if agent:
+        opened.select_option(f"{PLAYGROUND} [data-at=agent]", agent)
     assert wait_for_end(opened) == "done"
     assert opened.get_attribute(f"{PLAYGROUND} [data-at=truth]", "data-state") == "same"
     assert text(opened, "expected") == text(opened, "here")
@@ -195,16 +195,19 @@ def find_handle(opened) -> tuple[float, float]:
     """A place in the picture where a leg can be taken."""
     box = opened.locator(f"{PLAYGROUND} canvas").first.bounding_box()
     near = f"document.querySelector('{PLAYGROUND} canvas').classList.contains('near')"
-    for y in np.arange(0.3, 0.9, 0.03) * box["height"] + box["y"]:
-        for x in np.arange(0.2, 0.5, 0.015) * box["width"] + box["x"]:
+    for y in np.arange(0.9, 0.3, -0.03) * box["height"] + box["y"]:  # from below: a foot
+        for x in np.arange(0.2, 0.7, 0.015) * box["width"] + box["x"]:
             opened.mouse.move(x, y)
             if opened.evaluate(near):
                 return x, y
     raise AssertionError("there is no handle in the picture")
 
 
-def test_a_leg_is_dragged_and_the_walker_walks_on(open_page):
+@pytest.mark.parametrize("agent, pulled", [(None, 1), ("ant-morphology/seed0", 2)])
+def test_a_leg_is_dragged_and_the_agent_walks_on(open_page, agent, pulled):
     opened = open_page()
+    if agent:
+        opened.select_option(f"{PLAYGROUND} [data-at=agent]", agent)
     opened.evaluate(
         f"document.querySelector('{PLAYGROUND}').scrollIntoView({{behavior: 'instant'}})"
     )
@@ -215,7 +218,11 @@ def test_a_leg_is_dragged_and_the_walker_walks_on(open_page):
     opened.mouse.move(x - 60, y - 60, steps=3)
     opened.mouse.up()
     changed = [i for i, (a, b) in enumerate(zip(before, scales(opened), strict=True)) if a != b]
-    assert len(changed) == 1
+    assert len(changed) == pulled
+    leg = opened.query_selector(f"{PLAYGROUND} [data-at=legs] [aria-pressed=true]")
+    if agent:  # its sliders are seen
+        slider = opened.query_selector(f"{PLAYGROUND} input[data-index='{changed[0]}']")
+        assert slider.get_attribute("aria-label").startswith(leg.inner_text())
     start = float(text(opened, "time").split()[0])
     opened.mouse.move(0, 0)
     opened.click(f"{PLAYGROUND} [data-at=play]")
@@ -271,6 +278,34 @@ def test_every_agent_can_be_chosen_and_brings_its_body(open_page):
         opened.select_option(f"{PLAYGROUND} [data-at=agent]", name)
         expected = designrl.load(page.ROOT / f"pretrained/{name}.safetensors").scales
         np.testing.assert_allclose(scales(opened), expected, atol=1e-9)
+        assert 0 < len(sliders_in_view(opened)) <= 9
+
+
+@pytest.mark.parametrize("scheme, tile", [("light", (180, 197, 240)), ("dark", (58, 68, 128))])
+def test_the_ants_picture_has_all_its_parts(open_page, scheme, tile):
+    opened = open_page(scheme=scheme)
+    opened.select_option(f"{PLAYGROUND} [data-at=agent]", "ant/seed0")
+    opened.click(f"{PLAYGROUND} [data-at=play]")
+    seen = picture(opened)
+    assert share(seen, tile) > 5
+    for part in ((90, 90, 107), (217, 140, 51), (242, 191, 89)):
+        assert share(seen, part) > 0.2
+
+
+def test_two_ants_run_side_by_side_and_one_shows_how_its_body_came_about(open_page):
+    opened = open_page()
+    opened.select_option("#side-by-side [data-at=ground]", "ant")
+    opened.evaluate("document.querySelector('#side-by-side').scrollIntoView()")
+    opened.wait_for_function(
+        "[0, 1].every(i => parseFloat(document.querySelector("
+        "`#side-by-side [data-at=score-${i}]`).innerText) > 10)"
+    )
+    opened.select_option("#history [data-at=run]", "ant-morphology/seed0")
+    slider = opened.locator("#history input")
+    slider.fill("0")
+    assert "untrained" in opened.inner_text("#history [data-at=policy]")
+    slider.fill("8000")
+    assert "8,000" in opened.inner_text("#history [data-at=policy]")
 
 
 @pytest.mark.parametrize("width", [400, 1600])

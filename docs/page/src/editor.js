@@ -1,26 +1,13 @@
-// The body under one's hands: a leg's end or edge in the picture, and eight sliders beside it.
+// The body under one's hands: a leg's end or edge in the picture, and the sliders beside it.
 
-import { DIMENSIONS, LARGEST, ORIGINAL_SIZES, PARTS, SCALE, SMALLEST } from "./engine.js";
-import { partCorners, turned } from "./scene.js";
+import { ANT_LEGS, LARGEST, SMALLEST } from "./engine.js";
+import { limited } from "./scene.js";
 
 const REACH = { mouse: 24, pen: 30, touch: 46 }; // pixels from a handle
-const limited = (scale) => Math.min(LARGEST, Math.max(SMALLEST, scale));
-
-/** Handles of a picture's walker: of part i its end, and both edges. */
-function handles(stage) {
-  return stage.walker.sizes.flatMap((size, i) => {
-    const [a, b, c, d] = partCorners(stage.parts[i + 1], size);
-    const middle = (p, q) => [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2];
-    return [
-      { part: i, side: 0, at: middle(c, d) },
-      { part: i, side: 1, at: middle(b, c) },
-      { part: i, side: -1, at: middle(a, d) },
-    ].map((handle) => ({ ...handle, pixels: stage.camera.toPixels(handle.at) }));
-  });
-}
+const percent = (scale) => `${Math.round(100 * scale)} %`;
 
 /**
- * Dragging in the picture. Time stands still while one drags, and slows down near the walker.
+ * Dragging in the picture. Time stands still while one drags, and slows down near the body.
  *
  * change(design): called with the scales of the new body.
  */
@@ -44,23 +31,19 @@ export class Dragging {
 
   find({ offsetX, offsetY, pointerType }) {
     const away = ({ pixels: [x, y] }) => Math.hypot(x - offsetX, y - offsetY);
-    const nearest = handles(this.stage).sort((a, b) => away(a) - away(b))[0];
-    const [x, y] = this.stage.camera.toPixels([this.stage.parts[0].x, this.stage.parts[0].y]);
-    const reach = this.stage.camera.pixels * 2.2;
+    const nearest = this.stage.look.handles(this.stage).sort((a, b) => away(a) - away(b))[0];
+    const [x, y, reach] = this.stage.look.middle(this.stage);
     this.slow = pointerType === "mouse" && Math.hypot(x - offsetX, y - offsetY) < reach ? 0.2 : 1;
     return away(nearest) < (REACH[pointerType] ?? REACH.touch) ? nearest : null;
   }
 
   press(event) {
-    if (this.stage.walker.ended) return;
+    if (this.stage.player.ended) return;
     const handle = this.find(event);
     if (!handle) return;
     this.stage.canvas.setPointerCapture(event.pointerId);
-    const { angle } = this.stage.parts[handle.part + 1];
-    const along = handle.side ? turned(angle, handle.side, 0) : turned(angle, 0, -1);
-    const index = 2 * handle.part + (handle.side ? 0 : 1);
-    const from = [event.offsetX, event.offsetY], scale = this.stage.walker.design[index];
-    this.held = { ...handle, along, index, from, scale };
+    const from = [event.offsetX, event.offsetY], { design } = this.stage.player;
+    this.held = { ...handle, from, design };
     this.stage.canvas.classList.add("holding");
   }
 
@@ -70,13 +53,8 @@ export class Dragging {
       this.stage.canvas.classList.toggle("near", !!this.near);
       return;
     }
-    const { along, index, from, scale, side } = this.held;
-    const dx = (event.offsetX - from[0]) / this.stage.camera.pixels;
-    const dy = (from[1] - event.offsetY) / this.stage.camera.pixels;
-    const pulled = (along[0] * dx + along[1] * dy) * (side ? 2 : 1); // m; an edge moves both
-    const design = [...this.stage.walker.design];
-    design[index] = limited(scale + (pulled * SCALE) / ORIGINAL_SIZES[index]);
-    this.change(design);
+    const { from, design, pull } = this.held;
+    this.change(pull(design, event.offsetX - from[0], event.offsetY - from[1]));
   }
 
   release() {
@@ -94,28 +72,30 @@ export class Dragging {
   pace() { return this.held ? 0 : this.slow; }
 
   draw(context) {
-    if (this.stage.walker.ended) return;
-    const shown = this.held ?? this.near;
-    for (const handle of handles(this.stage)) {
-      const same = shown && handle.part === shown.part && handle.side === shown.side;
-      if (handle.side && !same && this.slow === 1 && !this.held) continue;
+    const { camera, colors, look, player } = this.stage;
+    if (player.ended) return;
+    const handles = look.handles(this.stage), shown = this.held ?? this.near;
+    const same = (handle) => handle.key === shown?.key;
+    for (const handle of handles) {
+      if (!handle.end && !same(handle) && this.slow === 1 && !this.held) continue;
+      const [x, y] = handle.pixels;
       context.beginPath();
-      context.arc(handle.pixels[0], handle.pixels[1], same ? 8 : handle.side ? 3 : 5, 0, 7);
-      context.fillStyle = same ? this.stage.colors.accent : "#fff";
-      context.strokeStyle = this.stage.colors.outline;
+      context.arc(x, y, same(handle) ? 8 : handle.end ? 5 : 3, 0, 7);
+      context.fillStyle = same(handle) ? colors.accent : "#fff";
+      context.strokeStyle = colors.outline;
       context.lineWidth = 1.5;
       context.fill();
       context.stroke();
     }
-    if (!shown) return;
-    const index = 2 * shown.part + (shown.side ? 0 : 1);
-    const text = `${DIMENSIONS[index]} ${Math.round(100 * this.stage.walker.design[index])} %`;
-    const { pixels } = handles(this.stage).find(
-      (handle) => handle.part === shown.part && handle.side === shown.side);
+    const found = handles.find(same);
+    if (!found) return;
+    const { indices, pixels } = found, { dimensions } = player.task;
+    const name = (i) => (i === indices[0] ? dimensions[i] : dimensions[i].split(" ").at(-1));
+    const text = indices.map((i) => `${name(i)} ${percent(player.design[i])}`).join(", ");
     context.font = "600 13px system-ui, sans-serif";
     context.textAlign = "left";
     const width = context.measureText(text).width;
-    const left = Math.min(pixels[0] + 16, this.stage.camera.width - width - 14);
+    const left = Math.min(pixels[0] + 16, camera.width - width - 14);
     context.fillStyle = "rgba(20, 20, 30, 0.82)";
     context.beginPath();
     context.roundRect(left, pixels[1] - 13, width + 14, 24, 6);
@@ -125,43 +105,90 @@ export class Dragging {
   }
 }
 
-/** Eight sliders in a table of parts; change(design) as above. */
+/** A task's dimensions by part: [part, [{index, name}, ...]]. */
+function partsOf({ dimensions }) {
+  /** @type {Record<string, {index: number, name: string}[]>} */
+  const parts = {};
+  dimensions.forEach((dimension, index) => {
+    const words = dimension.split(" "), name = words.pop();
+    (parts[words.join(" ")] ??= []).push({ index, name });
+  });
+  return Object.entries(parts);
+}
+
+/** A slider for each dimension, by part; of the ant's, those of one leg. change(design) as above. */
 export class Sliders {
-  constructor(element, change) {
-    this.inputs = DIMENSIONS.map((name, i) => {
-      const row = document.createElement("label");
-      row.className = "slider";
-      row.innerHTML = `<span>${name.split(" ").at(-1)}</span><span class="track">
-        <input type="range" min="${SMALLEST}" max="${LARGEST}" step="any" aria-label="${name}">
-        <i class="learned" title="learned"></i></span><output></output>`;
-      const input = /** @type {HTMLInputElement} */ (row.querySelector("input"));
-      input.addEventListener("input", () => change(this.inputs.map((other) => Number(other.value))));
-      input.addEventListener("keydown", (event) => { // without steps, arrows need one
-        const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
-        if (!by) return;
-        event.preventDefault();
-        input.value = String(limited(Number(input.value) + 0.05 * by));
-        input.dispatchEvent(new Event("input"));
-      });
-      if (i % 2 === 0) {
-        const part = document.createElement("fieldset");
-        part.innerHTML = `<legend><i class="leg-${i < 4 ? 1 : 2}"></i>${PARTS[1 + i / 2]}</legend>`;
-        element.append(part);
+  constructor(element, legs, change) {
+    this.element = element;
+    this.legs = legs;
+    this.change = change;
+    for (const leg of ANT_LEGS) {
+      const button = document.createElement("button");
+      button.textContent = leg;
+      button.addEventListener("click", () => this.chooseLeg(leg));
+      legs.append(button);
+    }
+  }
+
+  /** Sliders for this task. */
+  build(task) {
+    if (task === this.task) return;
+    this.task = task;
+    this.legs.hidden = task.name !== "ant";
+    this.inputs = [];
+    this.element.replaceChildren(...partsOf(task).map(([part, dimensions], i) => {
+      const group = document.createElement("fieldset");
+      const look = task.name === "ant" ? part.split(" ").at(-1) : `leg-${i < 2 ? 1 : 2}`;
+      group.innerHTML = `<legend><i class="${look}"></i>${part}</legend>`;
+      for (const { index, name } of dimensions) {
+        const row = this.makeRow(`${part} ${name}`, name);
+        this.inputs[index] = row.querySelector("input");
+        this.inputs[index].dataset.index = String(index);
+        group.append(row);
       }
-      element.lastElementChild.append(row);
-      return input;
+      return group;
+    }));
+    if (!this.legs.hidden) this.chooseLeg(ANT_LEGS[0]);
+  }
+
+  makeRow(dimension, name) {
+    const row = document.createElement("label");
+    row.className = "slider";
+    row.innerHTML = `<span>${name}</span><span class="track">
+      <input type="range" min="${SMALLEST}" max="${LARGEST}" step="any" aria-label="${dimension}">
+      <i class="learned" title="learned"></i></span><output></output>`;
+    const input = /** @type {HTMLInputElement} */ (row.querySelector("input"));
+    input.addEventListener("input", () => this.change(this.inputs.map(({ value }) => Number(value))));
+    input.addEventListener("keydown", (event) => { // without steps, arrows need one
+      const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
+      if (!by) return;
+      event.preventDefault();
+      input.value = String(limited(Number(input.value) + 0.05 * by));
+      input.dispatchEvent(new Event("input"));
     });
+    return row;
+  }
+
+  chooseLeg(leg) {
+    const groups = /** @type {NodeListOf<HTMLElement>} */ (this.element.querySelectorAll("fieldset"));
+    for (const group of groups) group.hidden = !group.textContent.startsWith(leg);
+    for (const button of this.legs.children)
+      button.setAttribute("aria-pressed", String(button.textContent === leg));
   }
 
   show(design, learned) {
+    const changed = new Set();
     design.forEach((scale, i) => {
       const input = this.inputs[i], row = input.closest("label");
-      if (Number(input.value) !== scale) input.value = String(scale);
-      input.setAttribute("aria-valuetext", `${Math.round(100 * scale)} % of the original`);
-      row.querySelector("output").textContent = `${Math.round(100 * scale)} %`;
+      if (Math.abs(Number(input.value) - scale) > 1e-9) changed.add(Math.floor(i / 9));
+      input.value = String(scale);
+      input.setAttribute("aria-valuetext", `${percent(scale)} of the original`);
+      row.querySelector("output").textContent = percent(scale);
       const share = (learned[i] - SMALLEST) / (LARGEST - SMALLEST);
       const mark = /** @type {HTMLElement} */ (row.querySelector(".learned"));
       mark.style.left = `calc(9px + ${share} * (100% - 18px))`; // the thumb's
     });
+    const [leg] = changed; // one that is dragged in the picture
+    if (changed.size === 1 && !this.legs.hidden) this.chooseLeg(ANT_LEGS[leg]);
   }
 }

@@ -1,11 +1,18 @@
 // How it came about: a slider over the generations of a run.
 
 import { drawLine } from "./charts.js";
+import { TASKS } from "./engine.js";
 import { Clock, Stage } from "./stage.js";
 
 /** The last of some rows whose generation is not after this one. */
 function latest(rows, generation) {
   return rows.reduce((found, row) => (row.generation <= generation ? row : found), rows[0]);
+}
+
+/** The row of the generation next to this one. */
+function nearest(rows, generation) {
+  const away = (row) => Math.abs(row.generation - generation);
+  return rows.reduce((found, row) => (away(row) <= away(found) ? row : found));
 }
 
 function between(bodies, generation) {
@@ -45,7 +52,7 @@ export class History {
     slider.max = String(this.run.generations);
     slider.value = slider.max;
     this.policies = [...(this.run.policies ?? [])];
-    this.policies.push({ generation: this.run.kept, weights: this.agent.weights });
+    this.policies.push({ generation: this.run.kept, policy: this.agent.policy });
     this.policies.sort((a, b) => a.generation - b.generation);
     this.show();
     this.begin();
@@ -56,12 +63,12 @@ export class History {
     return this.generation >= this.run.kept ? this.agent.design
       : between(this.run.bodies, this.generation);
   }
-  get policy() { return latest(this.policies, this.generation); }
+  get policy() { return nearest(this.policies, this.generation); }
 
   begin() {
-    const course = { seed: this.data.courses[0], hardcore: this.agent.hardcore };
     this.walking = this.policy;
-    this.stage.start(this.policy.weights, this.design, course);
+    const course = { ...this.agent, seed: this.data.courses[0] };
+    this.stage.start(this.agent.task, this.walking.policy, this.design, course);
   }
 
   /** Moves through all generations in eight seconds. */
@@ -96,7 +103,7 @@ export class History {
     if (!this.run) return;
     const { scores, generations } = this.run;
     drawLine(this.at("curve"), scores.map((row) => [row.generation, row.mean]), {
-      x: [0, generations], y: [-120, 350], color: this.stage.colors.accent,
+      x: [0, generations], y: TASKS[this.agent.task].scores, color: this.stage.colors.accent,
       zero: this.stage.colors.label, mark: this.generation,
     });
   }

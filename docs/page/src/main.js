@@ -1,20 +1,18 @@
-// The page: a walker to play with, two bodies side by side, and how a body came about.
+// The page: a walker or an ant to play with, two bodies side by side, and how a body came about.
 
 import { engineBytes, readData } from "./agents.js";
 import { Dragging, Sliders } from "./editor.js";
-import { ORIGINAL, startEngine } from "./engine.js";
+import { TASKS, originalOf, startEngine } from "./engine.js";
 import { History } from "./history.js";
 import { Panel } from "./panel.js";
 import { publicInterface } from "./play.js";
-import { longestLeg } from "./scene.js";
 import { Clock, Stage } from "./stage.js";
 
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-const limitOf = (agent) => (agent.hardcore ? 2000 : 1600); // steps
 const label = ({ name }, title) => `${title}, ${name.split("/")[1].replace("seed", "seed ")}`;
 const same = (a, b) => a.every((value, i) => value === b[i]);
 
-/** The walker at the top: everything that one can do with it. */
+/** The one at the top: everything that one can do with it. */
 class Playground {
   constructor(engine, element, data) {
     this.data = data;
@@ -22,13 +20,13 @@ class Playground {
     this.at = (name) => element.querySelector(`[data-at="${name}"]`);
     this.panel = new Panel(element);
     this.stage = new Stage(engine, this.at("canvas"), {
-      stepped: ({ walker }) => this.panel.stepped(walker),
-      ended: ({ walker }) => this.ended(walker),
+      stepped: ({ player }) => this.panel.stepped(player),
+      ended: ({ player }) => this.ended(player),
       again: () => this.go(1),
       drawn: (_, context) => this.drawn(context),
     });
     const change = (design) => this.changeBody(design);
-    this.sliders = new Sliders(this.at("sliders"), change);
+    this.sliders = new Sliders(this.at("sliders"), this.at("legs"), change);
     this.dragging = new Dragging(this.stage, change);
     this.clock = new Clock([this.stage], element);
     this.clock.slow = () => this.dragging.pace();
@@ -78,7 +76,7 @@ class Playground {
       if (known >= 0) this.goTo(known);
       else this.begin(BigInt(typed));
     });
-    on("original", "click", () => this.changeBody([...ORIGINAL]));
+    on("original", "click", () => this.changeBody(originalOf(TASKS[this.agent.task])));
     on("learned", "click", () => this.changeBody([...this.agent.design]));
     this.stage.canvas.addEventListener("keydown", (event) => {
       const action = {
@@ -100,7 +98,11 @@ class Playground {
     this.at("agent").value = name;
     this.design = [...this.agent.design];
     this.at("mean").textContent = `${this.agent.mean.toFixed(1)} over ${this.data.courses.length}`;
+    const task = TASKS[this.agent.task];
+    this.panel.build(task);
     this.panel.forget();
+    this.sliders.build(task);
+    this.at("lidar").disabled = this.agent.task !== "walker";
     this.go(0);
   }
 
@@ -121,8 +123,8 @@ class Playground {
     this.at("end").textContent = "";
     this.at("frame").dataset.end = "";
     this.panel.start();
-    const lidar = this.at("lidar").value;
-    this.stage.start(this.agent.weights, this.design, { seed, hardcore: this.agent.hardcore, lidar });
+    const course = { ...this.agent, seed, lidar: this.at("lidar").value };
+    this.stage.start(this.agent.task, this.agent.policy, this.design, course);
     this.sliders.show(this.design, this.agent.design);
   }
 
@@ -130,33 +132,32 @@ class Playground {
     this.design = design;
     this.at("hint").classList.add("done");
     this.sliders.show(design, this.agent.design);
-    if (this.stage.walker.steps === 0) return this.begin(this.seed); // nothing is lost by it
+    if (this.stage.player.steps === 0) return this.begin(this.seed); // nothing is lost by it
     this.touched = true;
     this.stage.changeBody(design);
   }
 
-  ended(walker) {
-    this.panel.ended(walker);
-    const end = walker.failed ? "more contacts than the engine holds"
-      : walker.fell ? "it fell: −100"
-      : walker.steps < limitOf(this.agent) ? "it reached the end" : "time is up";
+  ended(player) {
+    this.panel.ended(player);
+    const end = player.failed ? "more contacts than the engine holds"
+      : player.fell ? (this.agent.task === "walker" ? "it fell: −100" : "it fell")
+      : player.steps < player.limit ? "it reached the end" : "time is up";
     this.at("end").textContent = end;
-    this.at("frame").dataset.end = walker.fell ? "fell" : "done";
+    this.at("frame").dataset.end = player.fell ? "fell" : "done";
   }
 
   /** evaluate's score on this course, or why it has none. */
   expected() {
     if (this.touched) return "none: the body changed on the way";
     if (!same(this.design, this.agent.design)) return "none of this body";
-    if (this.at("lidar").value !== "v2") return "none with v3 LIDAR";
+    if (this.agent.task === "walker" && this.at("lidar").value !== "v2") return "none with v3 LIDAR";
     if (this.seed !== this.data.courses[this.course]) return "none of this seed";
     return this.agent.scores[this.course];
   }
 
   drawn(context) {
     this.dragging.draw(context);
-    const { walker, colors } = this.stage;
-    this.panel.draw(walker, limitOf(this.agent), this.expected(), colors);
+    this.panel.draw(this.stage.player, this.expected(), this.stage.colors);
   }
 }
 
@@ -167,8 +168,8 @@ class SideBySide {
     this.course = 0;
     this.at = (name) => element.querySelector(`[data-at="${name}"]`);
     this.stages = [0, 1].map((i) => new Stage(engine, this.at(`canvas-${i}`), {
-      again: () => this.stages.every(({ walker }) => walker.ended) && this.go(1),
-      drawn: ({ walker }) => this.drawn(i, walker),
+      again: () => this.stages.every(({ player }) => player.ended) && this.go(1),
+      drawn: (stage) => this.drawn(i, stage),
     }));
     this.clock = new Clock(this.stages, element);
     this.clock.playing = !still;
@@ -184,23 +185,22 @@ class SideBySide {
       const all = [...this.data.agents.values()];
       const agent = all.filter(({ experiment }) => experiment === `${ground}${body}`)
         .sort((a, b) => b.mean - a.mean)[0];
-      const course = { seed: this.data.courses[this.course], hardcore: agent.hardcore };
+      const course = { ...agent, seed: this.data.courses[this.course] };
       this.at(`name-${i}`).textContent = agent.name;
-      this.stages[i].start(agent.weights, agent.design, course);
+      this.stages[i].start(agent.task, agent.policy, agent.design, course);
     });
-    const longest = Math.max(...this.stages.map(({ walker }) => longestLeg(walker)));
-    for (const stage of this.stages) { // in the same scale
-      Object.assign(stage.camera, { longest, ready: false });
-      stage.draw();
-    }
+    const each = (what) => this.stages.map((stage) => stage[what]);
+    this.stages[0].look.match(each("player"), each("camera"));
+    for (const stage of this.stages) stage.draw();
     this.at("course").textContent = String(this.course + 1);
   }
 
-  drawn(i, walker) {
-    const end = !walker.ended ? "" : walker.fell ? ", fell" : ", at the end";
-    const metres = Math.max(0, walker.parts[0].x - 4.67).toFixed(1);
+  drawn(i, { player, look }) {
+    const end = !player.ended ? "" : player.fell ? ", fell" : ", at the end";
+    const points = player.score.toFixed(0).replace("-", "−");
+    const seconds = player.steps / player.task.stepsPerSecond;
     this.at(`score-${i}`).textContent =
-      `${walker.score.toFixed(0)} points, ${metres} m in ${(walker.steps / 50).toFixed(1)} s${end}`;
+      `${points} points, ${look.metres(player).toFixed(1)} m in ${seconds.toFixed(1)} s${end}`;
   }
 }
 

@@ -1,9 +1,10 @@
 // window.designrl: the engine for scripts and tests, without a picture.
 
-import { LARGEST, ORIGINAL, SMALLEST, Walker } from "./engine.js";
+import { LARGEST, Player, SMALLEST, TASKS } from "./engine.js";
 
 export function publicInterface(engine, agents) {
-  let walker;
+  /** @type {Record<string, Player>} */
+  const players = {};
   return {
     agents: [...agents.keys()],
 
@@ -18,13 +19,14 @@ export function publicInterface(engine, agents) {
       if (!agent) throw new Error(`There is no agent ${name}; see designrl.agents.`);
       const body = design ?? agent.design;
       const usable = (scale) => scale >= SMALLEST && scale <= LARGEST;
-      if (body.length !== ORIGINAL.length || !Array.from(body).every(usable))
-        throw new Error(`A design is ${ORIGINAL.length} scales from ${SMALLEST} to ${LARGEST}.`);
-      walker ??= new Walker(engine);
-      walker.start(agent.weights, body, { seed, hardcore: agent.hardcore, lidar });
-      while (!walker.ended) walker.step();
-      if (walker.failed) throw new Error("The walker has more contacts than the engine holds.");
-      return { score: walker.score, steps: walker.steps };
+      const { length } = agent.design;
+      if (body.length !== length || !Array.from(body).every(usable))
+        throw new Error(`A design is ${length} scales from ${SMALLEST} to ${LARGEST}.`);
+      const player = players[agent.task] ??= new Player(engine, TASKS[agent.task]);
+      player.start(agent.policy, body, { ...agent, seed, lidar });
+      while (!player.ended) player.step();
+      if (player.failed) throw new Error("There are more contacts than the engine holds.");
+      return { score: player.score, steps: player.steps };
     },
   };
 }

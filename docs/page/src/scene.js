@@ -1,6 +1,6 @@
-// A walker on its course, drawn as in the recordings.
+// The walker on its course, drawn as in the recordings, and where one can take hold of it.
 
-import { SCALE } from "./engine.js";
+import { LARGEST, SCALE, SMALLEST } from "./engine.js";
 
 const HULL = [[-30, 9], [6, 9], [34, 1], [34, -8], [-30, -8]].map(([x, y]) => [x / SCALE, y / SCALE]);
 const STEP = 14 / SCALE; // m of a piece of ground
@@ -11,33 +11,41 @@ const START = 10 * STEP; // m
 export function themeColors() {
   const style = getComputedStyle(document.documentElement);
   const names = ["sky", "sky-low", "ground", "soil", "obstacle", "hull", "leg-1", "leg-2", "ray",
-    "outline", "label", "touch", "accent"];
+    "outline", "label", "touch", "accent", "tile", "floor", "torso", "middle", "bottom"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
-export function turned(angle, x, y) {
+function turned(angle, x, y) {
   const c = Math.cos(angle), s = Math.sin(angle);
   return [c * x - s * y, s * x + c * y];
 }
 
-/** What is to be drawn between two steps: each part's pose, blended. */
-export function blend(before, after, share) {
-  return after.map((part, i) => {
-    const from = before[i] ?? part;
-    const mix = (a, b) => a + (b - a) * share;
-    return {
-      x: mix(from.x, part.x), y: mix(from.y, part.y), angle: mix(from.angle, part.angle),
-    };
-  });
+export const mix = (a, b, share) => a + (b - a) * share;
+export const limited = (scale) => Math.min(LARGEST, Math.max(SMALLEST, scale));
+
+/** What is to be drawn between two steps: each part's place in the picture's plane, blended. */
+function blendWalker(before, after, share) {
+  const angle = ({ turn: [, y, , w] }) => -2 * Math.atan2(y, w);
+  return after.map((part, i) => ({
+    x: mix(before[i].x, part.x, share), y: mix(before[i].z, part.z, share),
+    angle: mix(angle(before[i]), angle(part), share),
+  }));
+}
+
+/** m, of the legs' parts. */
+function sizesOf({ design, task: { originals } }) {
+  const size = (i) => (originals[i] * design[i]) / SCALE;
+  return [0, 2, 4, 6].map((i) => ({ width: size(i), height: size(i + 1) }));
 }
 
 /** m. */
-export function longestLeg({ sizes }) {
+function longestLeg(player) {
+  const sizes = sizesOf(player);
   return Math.max(...[0, 2].map((i) => sizes[i].height + sizes[i + 1].height));
 }
 
 /** Where the picture looks; follows the walker. */
-export class Camera {
+class Camera {
   constructor() {
     this.ready = false;
     this.longest = 0; // m, of a leg that is to fit, too, beside the walker's own
@@ -46,9 +54,9 @@ export class Camera {
   }
 
   /** width, height: of the picture, in pixels. */
-  follow(walker, hull, width, height) {
-    const leg = longestLeg(walker);
-    const near = walker.ground.filter(([x]) => Math.abs(x - hull.x) < 4).map(([, y]) => y);
+  follow(player, hull, width, height) {
+    const leg = longestLeg(player);
+    const near = player.ground.filter(([x]) => Math.abs(x - hull.x) < 4).map(([, y]) => y);
     const ground = near.length ? near.reduce((a, b) => a + b, 0) / near.length : hull.y - leg;
     const pixels = Math.min((0.62 * height) / (Math.max(leg, this.longest, 1.6) + 0.6), width / 5.2);
     const target = { pixels, x: hull.x, ground };
@@ -72,19 +80,19 @@ export class Camera {
   }
 }
 
-function polygon(context, points) {
+export function polygon(context, points) {
   context.beginPath();
   points.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
   context.closePath();
 }
 
-function drawGround(context, camera, walker, colors) {
+function drawGround(context, camera, player, colors) {
   const { width, height } = camera;
   const margin = 2;
   const left = camera.left - margin, right = camera.left + width / camera.pixels + margin;
-  const seen = walker.ground.filter(([x]) => x > left && x < right).map((p) => camera.toPixels(p));
+  const seen = player.ground.filter(([x]) => x > left && x < right).map((p) => camera.toPixels(p));
   if (seen.length > 1) {
-    const first = walker.ground[0][0] > left ? [-9, seen[0][1]] : seen[0];
+    const first = player.ground[0][0] > left ? [-9, seen[0][1]] : seen[0];
     polygon(context, [[first[0], height + 9], first, ...seen, [seen[seen.length - 1][0], height + 9]]);
     const shade = context.createLinearGradient(0, height * 0.7, 0, height);
     shade.addColorStop(0, colors.ground);
@@ -95,7 +103,7 @@ function drawGround(context, camera, walker, colors) {
   context.fillStyle = colors.obstacle;
   context.strokeStyle = colors.outline;
   context.lineWidth = 1;
-  for (const corners of walker.obstacles) {
+  for (const corners of player.obstacles) {
     const xs = corners.map(([x]) => x);
     if (Math.max(...xs) < left || Math.min(...xs) > right) continue;
     polygon(context, corners.map((p) => camera.toPixels(p)));
@@ -104,7 +112,7 @@ function drawGround(context, camera, walker, colors) {
   }
 }
 
-function drawMarks(context, camera, walker, colors) {
+function drawMarks(context, camera, player, colors) {
   const right = camera.left + camera.width / camera.pixels;
   context.fillStyle = colors.label;
   context.font = "11px system-ui, sans-serif";
@@ -117,7 +125,7 @@ function drawMarks(context, camera, walker, colors) {
   }
   for (const x of [START, FINISH]) {
     if (x < camera.left - 1 || x > right + 1) continue;
-    const at = walker.ground.find(([gx]) => gx >= x - 1e-3) ?? walker.ground.at(-1);
+    const at = player.ground.find(([gx]) => gx >= x - 1e-3) ?? player.ground.at(-1);
     const [px, py] = camera.toPixels(at);
     const tall = 1.7 * camera.pixels;
     context.strokeStyle = colors.outline;
@@ -133,7 +141,7 @@ function drawMarks(context, camera, walker, colors) {
 }
 
 /** Corners of a part of a leg, in m. */
-export function partCorners(part, { width, height }) {
+function partCorners(part, { width, height }) {
   const w = width / 2;
   return [[-w, 0], [w, 0], [w, -height], [-w, -height]].map(([x, y]) => {
     const [dx, dy] = turned(part.angle, x, y);
@@ -141,7 +149,8 @@ export function partCorners(part, { width, height }) {
   });
 }
 
-function drawBody(context, camera, walker, parts, colors) {
+function drawBody(context, camera, player, parts, colors) {
+  const sizes = sizesOf(player);
   context.lineJoin = "round";
   context.lineWidth = Math.max(1, camera.pixels * 0.02);
   context.strokeStyle = colors.outline;
@@ -153,9 +162,9 @@ function drawBody(context, camera, walker, parts, colors) {
   };
   for (const leg of [0, 1])
     for (const i of [2 * leg, 2 * leg + 1]) {
-      draw(partCorners(parts[i + 1], walker.sizes[i]), leg ? colors["leg-2"] : colors["leg-1"]);
-      if (i % 2 && walker.contacts[leg]) {
-        const [, , a, b] = partCorners(parts[i + 1], walker.sizes[i]).map((p) => camera.toPixels(p));
+      draw(partCorners(parts[i + 1], sizes[i]), leg ? colors["leg-2"] : colors["leg-1"]);
+      if (i % 2 && player.contacts[leg]) {
+        const [, , a, b] = partCorners(parts[i + 1], sizes[i]).map((p) => camera.toPixels(p));
         context.save();
         context.strokeStyle = colors.touch;
         context.lineWidth = Math.max(3, camera.pixels * 0.05);
@@ -174,12 +183,12 @@ function drawBody(context, camera, walker, parts, colors) {
   }), colors.hull);
 }
 
-function drawRays(context, camera, walker, hull, colors) {
+function drawRays(context, camera, player, hull, colors) {
   context.strokeStyle = context.fillStyle = colors.ray;
   context.lineWidth = 1;
   const from = camera.toPixels([hull.x, hull.y]);
-  const [dx, dy] = [hull.x - walker.parts[0].x, hull.y - walker.parts[0].y];
-  for (const [x, y] of walker.rays) {
+  const [dx, dy] = [hull.x - player.parts[0].x, hull.y - player.parts[0].z];
+  for (const [x, y] of player.rays) {
     const to = camera.toPixels([x + dx, y + dy]);
     context.globalAlpha = 0.45;
     context.beginPath();
@@ -195,14 +204,43 @@ function drawRays(context, camera, walker, hull, colors) {
 }
 
 /** The whole picture. */
-export function drawScene(context, camera, walker, parts, colors) {
+function drawWalker(context, camera, player, parts, colors) {
   const sky = context.createLinearGradient(0, 0, 0, camera.height);
   sky.addColorStop(0, colors.sky);
   sky.addColorStop(1, colors["sky-low"]);
   context.fillStyle = sky;
   context.fillRect(0, 0, camera.width, camera.height);
-  drawGround(context, camera, walker, colors);
-  drawMarks(context, camera, walker, colors);
-  drawRays(context, camera, walker, parts[0], colors);
-  drawBody(context, camera, walker, parts, colors);
+  drawGround(context, camera, player, colors);
+  drawMarks(context, camera, player, colors);
+  drawRays(context, camera, player, parts[0], colors);
+  drawBody(context, camera, player, parts, colors);
 }
+
+/** Where a leg can be taken: of each part its end, and both edges. */
+function walkerHandles({ player, parts, camera }) {
+  return sizesOf(player).flatMap((size, i) => {
+    const { angle } = parts[i + 1];
+    const [a, b, c, d] = partCorners(parts[i + 1], size);
+    const handle = (side, [p, q]) => {
+      const index = 2 * i + (side ? 0 : 1);
+      const [ux, uy] = side ? turned(angle, side, 0) : turned(angle, 0, -1);
+      const per = (SCALE * (side ? 2 : 1)) / player.task.originals[index]; // an edge moves both
+      const pull = (design, dx, dy) => design.with(index,
+        limited(design[index] + ((ux * dx - uy * dy) / camera.pixels) * per));
+      const at = camera.toPixels([(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
+      return { key: `${index} ${side}`, end: !side, indices: [index], pixels: at, pull };
+    };
+    return [handle(0, [c, d]), handle(1, [b, c]), handle(-1, [a, d])];
+  });
+}
+
+/** See stage.js. */
+export const walkerLook = {
+  makeCamera: () => new Camera(), blend: blendWalker, draw: drawWalker, handles: walkerHandles,
+  middle: ({ parts, camera }) => [...camera.toPixels([parts[0].x, parts[0].y]), camera.pixels * 2.2],
+  match: (players, cameras) => { // in the same scale
+    const longest = Math.max(...players.map(longestLeg));
+    for (const camera of cameras) Object.assign(camera, { longest, ready: false });
+  },
+  metres: ({ parts: [hull] }) => Math.max(0, hull.x - START),
+};

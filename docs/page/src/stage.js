@@ -1,9 +1,24 @@
-// A canvas on which a walker walks in real time, course after course.
+// A canvas on which a walker or an ant walks in real time, course after course.
 
-import { STEPS_PER_SECOND, Walker } from "./engine.js";
-import { Camera, blend, drawScene, themeColors } from "./scene.js";
+import { antLook } from "./ant.js";
+import { Player, TASKS } from "./engine.js";
+import { themeColors, walkerLook } from "./scene.js";
 
 const REST = 1.3; // s that an ended course stays in the picture
+
+/**
+ * How a task looks.
+ *
+ * makeCamera(): with follow(player, root, width, height) and toPixels(point)
+ * blend(before, after, share): the parts between two steps
+ * draw(context, camera, player, parts, colors)
+ * handles(stage): where a body can be taken, each with its dimensions' `indices` in a design and
+ *   pull(design, dx, dy), the design after so many pixels
+ * middle(stage): x, y of the body in the picture and how far it reaches, in pixels
+ * match(players, cameras): shows several in the same scale
+ * metres(player): how far it has come
+ */
+const LOOKS = { walker: walkerLook, ant: antLook };
 
 /**
  * Walks with a policy and a body.
@@ -13,10 +28,12 @@ const REST = 1.3; // s that an ended course stays in the picture
  */
 export class Stage {
   constructor(engine, canvas, hooks = {}) {
-    this.walker = new Walker(engine);
+    this.engine = engine;
     this.canvas = canvas;
     this.hooks = hooks;
-    this.camera = new Camera();
+    /** @type {Record<string, Player>} */
+    this.players = {}; // by task
+    this.cameras = {};
     this.colors = themeColors();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.colors = themeColors();
@@ -27,28 +44,32 @@ export class Stage {
     this.resting = 0; // s
   }
 
-  start(weights, design, course) {
-    this.walker.start(weights, design, course);
-    this.before = this.walker.parts;
+  /** task: its name; the others as of Player.start. */
+  start(task, policy, design, course) {
+    this.look = LOOKS[task];
+    this.player = this.players[task] ??= new Player(this.engine, TASKS[task]);
+    this.camera = this.cameras[task] ??= this.look.makeCamera();
+    this.player.start(policy, design, course);
+    this.before = this.player.parts;
     this.due = this.resting = 0;
     this.camera.ready = false;
     this.resize();
   }
 
-  /** Lets time pass: so much for the walker, and so much for who watches. */
+  /** Lets time pass: so much for the player, and so much for who watches. */
   pass(seconds, watched) {
-    if (this.walker.ended) {
+    if (this.player.ended) {
       this.resting += watched;
       if (this.resting > REST) this.hooks.again?.(this);
       return;
     }
-    this.due += seconds * STEPS_PER_SECOND;
-    while (this.due >= 1 && !this.walker.ended) {
+    this.due += seconds * this.player.task.stepsPerSecond;
+    while (this.due >= 1 && !this.player.ended) {
       this.due -= 1;
-      this.before = this.walker.parts;
-      this.walker.step();
+      this.before = this.player.parts;
+      this.player.step();
       this.hooks.stepped?.(this);
-      if (this.walker.ended) {
+      if (this.player.ended) {
         this.due = 1;
         this.hooks.ended?.(this);
       }
@@ -56,9 +77,9 @@ export class Stage {
   }
 
   changeBody(design) {
-    if (this.walker.ended) return;
-    this.walker.changeBody(design);
-    this.before = this.walker.parts;
+    if (this.player.ended) return;
+    this.player.changeBody(design);
+    this.before = this.player.parts;
   }
 
   resize() {
@@ -75,11 +96,11 @@ export class Stage {
     if (!this.before) return;
     const context = this.canvas.getContext("2d");
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    this.parts = blend(this.before, this.walker.parts, Math.min(this.due, 1));
+    this.parts = this.look.blend(this.before, this.player.parts, Math.min(this.due, 1));
     const { clientWidth, clientHeight } = this.canvas;
     if (!still)
-      this.camera.follow(this.walker, this.parts[0], clientWidth, clientHeight);
-    drawScene(context, this.camera, this.walker, this.parts, this.colors);
+      this.camera.follow(this.player, this.parts[0], clientWidth, clientHeight);
+    this.look.draw(context, this.camera, this.player, this.parts, this.colors);
     this.hooks.drawn?.(this, context);
   }
 }

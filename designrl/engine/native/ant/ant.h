@@ -127,6 +127,15 @@ class Ant {
     failed_ = false;
   }
 
+  // Another body within an episode: World::change_body. Rewards go on; what it moves is no progress.
+  void change_body(Lanes& lanes, const double* scales) {
+    build(scales);
+    lanes.change_body(lane_, body_);
+    store(lanes, lane_);
+    float unused[kObservations];
+    observe(unused);  // the distance to the target
+  }
+
   // action: null in the round after reset, in which the ant is put into its lane.
   void begin_step(const double* action) {
     starts_ = !action;
@@ -208,6 +217,14 @@ class Ant {
         const Vec3<double> centre = lane_of(parts.origin[leg][k], lane_);
         write_part(centre, lane_of(parts.rotation(leg, k), lane_), body_.legs[leg][k].arm, to += 7);
       }
+  }
+
+  // What a picture shows beside the poses.
+  bool touches(int leg) const { return foot_contact_[leg]; }  // its foot, the floor
+  double effort() const {  // of the motors' full torques, summed
+    double sum = 0.0;
+    for (double a : action_) sum += fabs(a) < 1.0 ? fabs(a) : 1.0;
+    return sum;
   }
 
   static constexpr size_t kLaneBytes = sizeof(WorldState) / kDoubles;

@@ -50,11 +50,18 @@ struct World : WorldState {
       torque[j][l] = 0.0;
     }
     contacts.clear(l);
-    parts.update(body, state);  // of the other lanes, too: it finds there what it has found before
-    for (int leg = 0; leg < kLegs; ++leg)
-      for (int k = 0; k < kLegParts; ++k)
-        set_lane(shown_origin[leg][k], l, lane_of(parts.origin[leg][k], l));
-    for (int i = 0; i < 3; ++i) set_lane(shown_torso.row[i], l, lane_of(parts.torso.row[i], l));
+    place_parts(l);
+  }
+
+  // Another body for a lane's ant: its joints keep their angles and speeds, the torso its velocity,
+  // and the whole its height above the floor.
+  void change_body(int l, const Body<double>& one) {
+    const double height = lowest(l);
+    set_lane(body, l, one);
+    parts.update(body, state);
+    state.position.z[l] += height - lowest(l);
+    contacts.clear(l);
+    place_parts(l);
   }
 
   void step() {
@@ -75,6 +82,27 @@ struct World : WorldState {
  private:
   Articulated articulated_;
   ConstraintSolver solver_;
+
+  void place_parts(int l) {
+    parts.update(body, state);  // of the other lanes, too: it finds there what it has found before
+    for (int leg = 0; leg < kLegs; ++leg)
+      for (int k = 0; k < kLegParts; ++k)
+        set_lane(shown_origin[leg][k], l, lane_of(parts.origin[leg][k], l));
+    for (int i = 0; i < 3; ++i) set_lane(shown_torso.row[i], l, lane_of(parts.torso.row[i], l));
+  }
+
+  // m, of an ant's lowest point.
+  double lowest(int l) const {
+    double found = state.position.z[l] - body.torso.radius[l];
+    for (int leg = 0; leg < kLegs; ++leg)
+      for (int k = 0; k < kLegParts; ++k) {
+        const Part<Double>& part = body.legs[leg][k];
+        const Vec3<double> half = lane_of(parts.rotation(leg, k), l) * lane_of(part.arm, l);
+        const double z = parts.origin[leg][k].z[l] - fabs(half.z) - part.radius[l];
+        found = z < found ? z : found;
+      }
+    return found;
+  }
 
   // btMultiBody::stepPositionsMultiDof.
   void integrate() {
