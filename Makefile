@@ -19,6 +19,7 @@
 #                                    its tests, 300 episodes and 5,000 steps in a build that
 #                                    watches memory and undefined behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
+#   make types                       mypy on the modules that others import
 #   make proto                       designrl/recording/schema_pb2.py from schema.proto
 #   make bench                       speeds as ratios to a named baseline
 VENV := .venv
@@ -40,7 +41,7 @@ export ZOO BACKEND
 # box2d-py's build calls swig, which pip has put there; PyBullet's looks for NumPy.
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: setup setup-train same-python test test-floors test-wheel bench lint proto reproduce FORCE page \
+.PHONY: setup setup-train same-python test test-floors test-wheel bench lint types proto reproduce FORCE page \
   gallery train-all zoo verify-runs verify-zoo transfer verify-engine sanitize-engine verify-resume fuzz clean
 
 setup: $(READY)
@@ -99,6 +100,10 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	@if command -v npx >/dev/null; then npx --yes --package typescript@5.9.3 tsc -p docs/page; \
 	else echo "the types of docs/page/src are not checked: there is no npx"; fi
+
+types: $(TRAINING)
+	@$(PIP) install --quiet -c requirements-extras.lock mypy
+	$(BIN)/mypy
 
 proto: $(READY)
 	@$(PIP) install --quiet --no-deps -c requirements-extras.lock grpcio-tools

@@ -1,7 +1,7 @@
 """The weights that the author published in 2018, in his repositories astool and estool.
 
 They are not part of this project: AUTHOR_ZOO names the folder where they lie. A file is a JSON list
-`[parameters, score]`.
+`[parameters, score]`, or of the distribution's mean, `[parameters]`.
 """
 
 import json
@@ -81,7 +81,7 @@ def runs(zoo: str | Path, experiment: str) -> dict[int, Path]:
 
 
 def load_author(path: str | Path, experiment: Experiment) -> Agent:
-    """The agent of a JSON file of the 2018 repositories: `[parameters, score]`.
+    """The agent of a JSON file of the 2018 repositories: `[parameters, score]` or `[parameters]`.
 
     Raises:
         InputError: missing, not such a list, or of another length than the experiment's networks.
@@ -95,7 +95,7 @@ def load_author(path: str | Path, experiment: Experiment) -> Agent:
     metadata = {
         "source": f"the author's weights of 2018 ({path.name})",
         "source_sha256": file_hash(path),
-        "score": score,
+        **({} if score is None else {"score": score}),
         "versions": versions(),
     }
     try:
@@ -121,14 +121,17 @@ def fitting(parameters: int) -> list[str]:
     ]
 
 
-def _read(path: Path) -> tuple[np.ndarray, float]:
+def _read(path: Path) -> tuple[np.ndarray, float | None]:
     data = read_bounded(path)
     try:
-        parameters, score = json.loads(data.decode())
-        return np.array(parameters, dtype=np.float64), float(score)
+        parameters, *score = json.loads(data.decode())
+        if len(score) > 1:
+            raise ValueError("too many values")
+        return np.array(parameters, dtype=np.float64), float(score[0]) if score else None
     except (ValueError, TypeError, RecursionError, OverflowError):
         raise InputError(
-            f"{path} is not a 2018 weights file; name a .json that holds [parameters, score]"
+            f"{path} is not a 2018 weights file; name a .json that holds [parameters, score] or "
+            "[parameters]"
         ) from None
 
 
@@ -140,7 +143,8 @@ def describe(path: str | Path) -> str:
     """
     path = Path(path)
     parameters, score = _read(path)
-    text = f"{path}: the author's weights of 2018, {parameters.size} numbers, score {score:.2f}"
+    about = "no score" if score is None else f"score {score:.2f}"
+    text = f"{path}: the author's weights of 2018, {parameters.size} numbers, {about}"
     fits = ", ".join(fitting(parameters.size)) or "none"
     doubt = f"; it {BULLET_ANT}" if _is_bullet_ant(parameters) else ""
     return printable(f"{text}; experiments with as many: {fits}{doubt}")

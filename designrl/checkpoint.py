@@ -183,8 +183,7 @@ def describe(path: str | Path) -> str:
         f"{path}: checkpoint of {agent.experiment.name} "
         f"({agent.experiment.letter}, {agent.experiment.title})",
         f"sha256       {file_hash(path)}",
-        f"network      {'-'.join(map(str, agent.network.sizes))}, {agent.network.output} output"
-        + (", output noise" if agent.network.noise else ""),
+        f"network      {agent.network}",
         f"parameters   {len(agent.parameters)}",
     ]
     for key in ("source", "seed", "generation", "score", "score_episodes", "environment_steps"):
@@ -192,6 +191,8 @@ def describe(path: str | Path) -> str:
             lines.append(f"{key.split('_')[-1]:12} {m[key]}")
     if agent.experiment.training_kwargs.get("leg_area_reward"):
         lines.append("             (the score includes the factor for smaller legs)")
+    if isinstance(m.get("settings"), dict) and m["settings"].get("reward_weights"):
+        lines.append("             (the score is that of the settings' reward_weights)")
     for label in ("settings", "versions"):
         if isinstance(m.get(label), dict):
             values = ", ".join(f"{k} {v}" for k, v in m[label].items() if v is not None)

@@ -97,15 +97,38 @@ def _design(sub) -> None:
 
 def _design_of(args) -> dict[str, float] | None:
     """What --design says, for `Agent.body_with`."""
+    return _numbers(
+        args.design, '--design {} is no dimension and its scale; as "bottom leg 2 height=0.6"'
+    )
+
+
+def _reward_weights(sub) -> None:
+    sub.add_argument(
+        "--reward-weight",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="TERM=X",
+        help="multiply a term of the reward: energy=2.0; several are allowed (default: 1 each)",
+    )
+
+
+def _weights_of(args) -> dict[str, float] | None:
+    """What --reward-weight says."""
+    return _numbers(
+        args.reward_weight, "--reward-weight {} is no term and its weight, as energy=2.0"
+    )
+
+
+def _numbers(texts: list[str], wrong: str) -> dict[str, float] | None:
+    """Texts like "energy=2.0" as a dict; None where there are none."""
     named = {}
-    for text in args.design:
-        name, _, scale = text.rpartition("=")
+    for text in texts:
+        name, _, number = text.rpartition("=")
         try:
-            named[name.strip()] = float(scale)
+            named[name.strip()] = float(number)
         except ValueError:
-            raise InputError(
-                f'--design {text!r} is no dimension and its scale; as "bottom leg 2 height=0.6"'
-            ) from None
+            raise InputError(wrong.format(repr(text))) from None
     return named or None
 
 
@@ -146,6 +169,7 @@ def _add_experiments(commands) -> None:
 def settings_of(args) -> TrainSettings:
     """The settings that the arguments of `designrl train` mean."""
     names = [f.name for f in dataclasses.fields(TrainSettings) if f.name != "experiment"]
+    args.reward_weights = _weights_of(args)
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return TrainSettings.of(args.experiment, args.recipe, **given)
 
@@ -205,6 +229,9 @@ def _add_train(commands) -> None:
     for setting in dataclasses.fields(TrainSettings):
         if setting.name == "experiment":
             continue
+        if setting.name == "reward_weights":
+            _reward_weights(train)
+            continue
         hint = typing.get_type_hints(TrainSettings)[setting.name]
         kind = next(t for t in (typing.get_args(hint) or (hint,)) if t is not type(None))
         how = {"type": kind, "metavar": "X"}
@@ -251,8 +278,10 @@ def _evaluate(args) -> None:
         check_target(args.output)
     if args.worst is not None:
         whole_number("--worst", args.worst, 1)
-    agent = _load(args)
-    design, changes = _design_of(args), {"lidar": args.lidar} if args.lidar else {}
+    agent, design, weights = _load(args), _design_of(args), _weights_of(args)
+    changes = {"lidar": args.lidar} if args.lidar else {}
+    if weights:
+        changes["reward_weights"] = weights
     with _bar("episode", args.episodes) as progress:
         result = evaluate(
             agent,
@@ -277,6 +306,7 @@ def _evaluate(args) -> None:
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
         + (f"; not in its own body: {in_words(result.changed)}" if result.changed else "")
+        + (f", {option('reward_weights', weights)}" if weights else "")
     )
     _say_file(agent.file)
     if lowest:
@@ -296,6 +326,7 @@ def _add_evaluate(commands) -> None:
     evaluate.add_argument(
         "-o", "--output", metavar="FILE.csv", help="write each episode's score; also .parquet"
     )
+    _reward_weights(evaluate)
     evaluate.add_argument(
         "--worst", type=int, metavar="K", help="list the K lowest scores and what ended them"
     )

@@ -33,6 +33,7 @@ class Evaluation:
         seconds: wall time.
         backend: that played them, "engine" or "reference".
         changed: names of the dimensions in which that body is not the agent's own -> their scales.
+        reward_weights: of reward terms that did not count as 1.
         file, sha256: the agent's, where it is from a file.
     """
 
@@ -44,6 +45,7 @@ class Evaluation:
     seconds: float
     backend: str = "reference"
     changed: dict[str, float] = field(default_factory=dict)
+    reward_weights: dict[str, float] = field(default_factory=dict)
     file: str | None = None
     sha256: str | None = None
 
@@ -70,6 +72,7 @@ class Evaluation:
             "changed": self.changed,
             "seconds": self.seconds,
             "backend": self.backend,
+            **({"reward_weights": self.reward_weights} if self.reward_weights else {}),
             "file": self.file,
             "sha256": self.sha256,
         }
@@ -212,6 +215,7 @@ def evaluate(
         time.perf_counter() - start,
         simulator.backend,
         {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
-        agent.file and str(agent.file),
-        agent.file and file_hash(agent.file),
+        file=str(agent.file) if agent.file else None,
+        sha256=file_hash(agent.file) if agent.file else None,
+        reward_weights=dict(env_kwargs.get("reward_weights") or {}),
     )

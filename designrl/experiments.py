@@ -32,6 +32,10 @@ class Network:
     time_scale: float | None = None
     noise: bool = False
 
+    def __str__(self) -> str:
+        noise = ", output noise" if self.noise else ""
+        return f"{'-'.join(map(str, self.sizes))}, {self.output} output{noise}"
+
     @cached_property
     def num_weights(self) -> int:
         """How many weights and biases there are."""
@@ -56,6 +60,14 @@ class Shaping:
     free_term: str = "fall"
     solved_return: float = 300.0
     solved_bonus: float = 100.0
+
+    def check(self, reward_weights: Mapping | None) -> None:
+        """Raise InputError where a weight is that of the term that costs nothing."""
+        if self.free_term in (reward_weights or {}):
+            raise InputError(
+                f"with shaped rewards a {self.free_term} costs nothing; leave its weight out, or "
+                "turn them off with --no-shaped-rewards"
+            )
 
 
 @dataclass(frozen=True)

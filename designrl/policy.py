@@ -259,7 +259,8 @@ class Agent:
             action = self.act(observation, t)
             seen = observation
             observation, reward, terminated, truncated, info = env.step(action)
-            yield Step(t, seen, action, reward, terminated, truncated, info)
+            # Gymnasium promises a number, of any type; environments have floats.
+            yield Step(t, seen, action, reward, terminated, truncated, info)  # type: ignore[arg-type]
             done, t = terminated or truncated, t + 1
 
     def play(self, env: gymnasium.Env, seed: int, design=None) -> Iterator[Step]:

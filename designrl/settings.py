@@ -1,12 +1,15 @@
 """All that decides a training run's result, as data; constant for a run."""
 
 import dataclasses
+import shlex
 import types
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 
 from designrl.design import DesignSpace
+from designrl.envs.tasks import WORLDS, checked_weights
 from designrl.errors import InputError
 from designrl.experiments import OLD_NAMES, RECIPES, Experiment, get_experiment, register
 
@@ -15,9 +18,10 @@ _KINDS = {  # of a setting: what it may be, and what that is called
     int: (Integral, "a whole number"),
     float: (Real, "a number"),
     str: (str, "a text"),
+    dict: (Mapping, "a mapping from reward terms to numbers"),
 }
 # What older files do not have: they stay as they were, and are gone on with, where it is not set.
-LATER = ("design_limit", "design_form")
+LATER = ("design_limit", "design_form", "init", "reward_weights")
 ADAM_ALONE = ("sigma_learning_rate", "sigma_change_max", "sigma_decay")  # not in the plain form
 # Far beyond what any machine does in a generation; larger numbers are slips of the keyboard.
 MAX_EPISODES = 10_000_000
@@ -65,7 +69,7 @@ class ReinforceSettings:
             value, (kind, *optional) = getattr(self, name), typing.get_args(hint) or (hint,)
             if value is None and types.NoneType in optional:
                 continue
-            wanted, words = _KINDS[kind]
+            wanted, words = _KINDS[typing.get_origin(kind) or kind]
             if not isinstance(value, wanted) or (kind is not bool and isinstance(value, bool)):
                 raise InputError(f"{name.replace('_', '-')} is {value!r}; it must be {words}")
             if hasattr(value, "item"):  # NumPy's numbers are no JSON
@@ -90,7 +94,7 @@ class ReinforceSettings:
 
 
 # What the paper's text writes, in place of the published code's form (`--recipe plain`).
-PLAIN_CHANGES = {
+PLAIN_CHANGES: dict[str, typing.Any] = {
     "mirrored": False,
     "ranks": False,
     "weight_decay": 0.0,
@@ -122,6 +126,11 @@ class TrainSettings(ReinforceSettings):
         "walkers, in training only: a fall costs nothing and a solved episode earns 100 more, as "
         "in the published code",
     )
+    reward_weights: dict[str, float] | None = _setting(
+        None,
+        "factors of the reward's terms (default: 1 each), in training and in its evaluations, as "
+        "energy=2.0; several are allowed",
+    )
     evaluate_every: int = _setting(25, "generations between evaluations")
     evaluation_episodes: int | None = _setting(
         None, "episodes of an evaluation (default: population times rollouts)"
@@ -134,7 +143,11 @@ class TrainSettings(ReinforceSettings):
     stop_score: float | None = _setting(
         None, "end the run when an evaluation has this mean, in points (default: never)"
     )
-
+    init: str | None = _setting(
+        None,
+        "start μ from this agent, a file or a name as `designrl evaluate` takes it (default: from "
+        "zeros); σ starts as set",
+    )
     design_limit: float | None = _setting(
         None,
         "how far a learned body's dimension may go from its original size: ± so much of it "
@@ -175,6 +188,7 @@ class TrainSettings(ReinforceSettings):
             raise InputError(f"keep is {self.keep!r}; it must be 'best' or 'mean'")
         if self.shaped_rewards and experiment.shaping is None:
             raise InputError(f"{experiment.name} has no shaped rewards; leave out shaped-rewards")
+        self._check_weights(experiment)
         if experiment.design is None and (self.design_limit, self.design_form) != (None, None):
             raise InputError(f"{experiment.name} learns no body; leave out its limit and its form")
         self.space  # noqa: B018 (refuses other limits)
@@ -199,6 +213,16 @@ class TrainSettings(ReinforceSettings):
                 raise InputError(
                     f"{what} would be {episodes:,} episodes; it can be at most {MAX_EPISODES:,}"
                 )
+
+    def _check_weights(self, experiment: Experiment) -> None:
+        if self.reward_weights is None:
+            return
+        world = WORLDS.get(experiment.env_id)  # an environment of one's own knows its terms itself
+        terms = world.reward_terms if world else tuple(self.reward_weights)
+        weights = checked_weights(self.reward_weights, terms)
+        if self.shaped_rewards and experiment.shaping:
+            experiment.shaping.check(weights)
+        object.__setattr__(self, "reward_weights", weights or None)
 
     def _check(self, name: str, low: float, high: float | None = None, above: bool = False) -> None:
         value = getattr(self, name)
@@ -231,7 +255,8 @@ class TrainSettings(ReinforceSettings):
             changes = [option(name, x) for name, x in vars(self).items() if x != base[name]]
             start = f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"
             found.append([start, *changes])
-        return " ".join(min(found, key=len))
+        shortest = min(found, key=len)
+        return " ".join(shortest)
 
 
 def option(name: str, value) -> str:
@@ -239,4 +264,6 @@ def option(name: str, value) -> str:
     name = name.replace("_", "-")
     if isinstance(value, bool):
         return f"--{name}" if value else f"--no-{name}"
-    return f"--{name} {value}"
+    if isinstance(value, dict):
+        return " ".join(f"--{name.removesuffix('s')} {key}={x!r}" for key, x in value.items())
+    return f"--{name} {shlex.quote(str(value))}"

@@ -16,7 +16,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field
 from functools import partial
-from numbers import Integral
 
 import gymnasium
 import numpy as np
@@ -28,7 +27,7 @@ from designrl.envs import tasks
 from designrl.envs.tasks import EngineTask, engine_task
 from designrl.errors import InputError
 from designrl.experiments import PAPERS, Experiment, Network, Shaping, get_experiment
-from designrl.numeric import real_numbers, whole_numbers
+from designrl.numeric import real_numbers, whole_number, whole_numbers
 from designrl.policy import Agent, bounds_kwargs, noise_stds
 from designrl.workers import ProcessWorkers, RayWorkers, TaskError, run_here
 
@@ -97,7 +96,8 @@ class Simulator(AbstractContextManager):
         ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
             has no meaning then.
         space: limits of the bodies, where they are not the experiment's.
-        env_kwargs: keywords of the environment, `lidar="v3"` for instance.
+        env_kwargs: keywords of the environment, `lidar="v3"` or `reward_weights={"energy": 2.0}`
+            for instance.
 
     Attributes:
         backend: that runs.
@@ -121,13 +121,9 @@ class Simulator(AbstractContextManager):
     ):
         if backend not in BACKENDS:
             raise InputError(f"backend is {backend!r}; it must be one of {', '.join(BACKENDS)}")
-        if not isinstance(workers, Integral) or workers < 1:
-            raise InputError(
-                f"the number of workers is {workers!r}; it must be a whole number of at least 1"
-            )
         self.experiment = get_experiment(experiment)
         self.network = network or self.experiment.network
-        self.workers = workers
+        self.workers = whole_number("the number of workers", workers, 1)
         self.space = space or self.experiment.body.design
         self._env_kwargs = env_kwargs = bounds_kwargs(self.experiment, self.space) | env_kwargs
         self._parameters = self.experiment.parameters_with(self.network)
@@ -136,8 +132,8 @@ class Simulator(AbstractContextManager):
         if "design" in env_kwargs:
             raise InputError("candidates walk in their own bodies; give design to rollout()")
         if env_kwargs:  # otherwise the environment's module need not be loaded for what it takes
-            creator = gymnasium.spec(self.experiment.env_id).entry_point
-            creator = creator if callable(creator) else load_env_creator(creator)
+            entry = gymnasium.spec(self.experiment.env_id).entry_point
+            creator = entry if callable(entry) else load_env_creator(str(entry))
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
                 others = " or other limits of its body" if unknown[0] == "design_bounds" else ""
                 raise InputError(
@@ -151,11 +147,11 @@ class Simulator(AbstractContextManager):
         if reason:
             print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
         self.backend = backend = "engine" if reason is None else "reference"
-        self._pool = None
+        self._pool: RayWorkers | ProcessWorkers | None = None
         if ray is not None:
             self._pool = RayWorkers(ray)
-        elif workers > 1 and backend == "reference":
-            self._pool = ProcessWorkers(workers)
+        elif self.workers > 1 and backend == "reference":
+            self._pool = ProcessWorkers(self.workers)
 
     @property
     def processes(self) -> int:
@@ -193,6 +189,8 @@ class Simulator(AbstractContextManager):
         shaping = self.experiment.shaping if shaped else None
         if design is not None:
             design = self._bodies.validate(design)
+        if shaping:
+            shaping.check(self._env_kwargs.get("reward_weights"))
         episodes = Episodes(self.experiment, self.network, kwargs, shaping, design, self.space)
         result = self._run(episodes, candidates, seeds, progress)
         finite = np.isfinite(result.returns).all(axis=1)
@@ -245,7 +243,7 @@ class Simulator(AbstractContextManager):
         while places:
             tasks = [(rows, seeds[rows, columns]) for rows, columns in places]
             longest = START_SECONDS + EPISODE_SECONDS * max(piece.size for _, piece in tasks)
-            done = set()
+            done: set[int] = set()
             try:
                 for index, result in run(function, candidates, tasks, longest):
                     returns[places[index]], steps[places[index]] = result
@@ -339,7 +337,7 @@ def check_world(experiment: Experiment, network: Network) -> None:
         if getattr(env.unwrapped, "body", None) != experiment.body:
             raise InputError(f"the environment {env_id} does not have the body of {name}")
         env.reset(seed=0, options={"design": other})
-        if not np.array_equal(getattr(env.unwrapped, "design", None), other):
+        if not np.array_equal(getattr(env.unwrapped, "design", ()), other):
             raise InputError(
                 f"{env_id} does not have the design of a reset as its attribute design"
             )
@@ -389,7 +387,7 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
     """
     experiment, network = episodes.experiment, episodes.network
     found = engine_task(experiment.env_id, **episodes.env_kwargs)
-    if engine_reason(found, experiment, network) is not None:
+    if found is None or engine_reason(found, experiment, network) is not None:
         return run_reference(episodes, candidates, seeds)
     task, reward_factor = found
     own, rest = np.split(candidates, [network.num_parameters], axis=1)

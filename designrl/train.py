@@ -14,6 +14,7 @@ import os
 import platform
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,8 @@ with optional("training", "train", "make setup-train"):
 
 from designrl import checkpoint
 from designrl.experiments import Experiment, get_experiment
+from designrl.files import file_hash
+from designrl.names import find, load
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
 from designrl.recording import Generation, RunWriter, record_rollout
@@ -96,10 +99,12 @@ class TrainingRun:
         ray: "local" or the address of a Ray cluster, to simulate there instead.
         optimiser: one of your own, for as many candidates as `settings.population`; by default
             `Reinforce` with the settings.
+        on_generation: called with each `designrl.recording.Generation` when it is recorded. What
+            it raises ends the run, saved, after that generation.
 
     Raises:
         InputError: the folder holds a run and `resume` is not set; or holds another run, or one
-            with other settings, or is in use.
+            with other settings, or is in use; the settings' `init` cannot be used.
     """
 
     def __init__(
@@ -111,6 +116,7 @@ class TrainingRun:
         resume: bool = False,
         ray: str | None = None,
         optimiser: Optimiser | None = None,
+        on_generation: Callable[[Generation], None] | None = None,
     ):
         self.settings = settings
         self.experiment: Experiment = get_experiment(settings.experiment)
@@ -119,6 +125,8 @@ class TrainingRun:
         self.backend = backend
         self.ray = ray
         self._resume = resume
+        self._on_generation = on_generation
+        self._init_hash: str | None = None  # of the file that μ started from
         self.optimiser = optimiser or Reinforce(
             self.experiment.num_parameters, settings.population, settings, settings.seed
         )
@@ -140,7 +148,32 @@ class TrainingRun:
                 f"{self.out} holds results of a run but no state.safetensors to go on with; choose "
                 "another folder with --out"
             )
+        elif self.settings.init is not None:
+            self._start_from(find(self.settings.init))
         self._take_snapshot()
+
+    def _start_from(self, path: Path) -> None:
+        name, ours = self.experiment.name, self.experiment
+        agent = load(path, name if path.suffix == ".json" else None)
+        theirs = agent.experiment
+        if (theirs.body, theirs.learns_design) != (ours.body, ours.learns_design):
+            raise InputError(
+                f"{path} is of {theirs.name}, whose parameters are not those of {name}; name an "
+                "agent with the same body, learned or not as there"
+            )
+        if agent.network != ours.network:
+            raise InputError(
+                f"{path} has the network {agent.network}; {name} trains {ours.network}; name "
+                "another agent"
+            )
+        space = self.settings.space
+        if ours.learns_design and agent.space.limits != space.limits:
+            raise InputError(
+                f"{path} has a body within other limits ({agent.space.in_words}) than this run "
+                f"({space.in_words}); give it the same limits"
+            )
+        self._init_hash = file_hash(path)
+        self.optimiser.restore({**self.optimiser.state(), "mu": agent.parameters.copy()})
 
     @property
     def finished(self) -> bool:
@@ -155,8 +188,16 @@ class TrainingRun:
 
     def simulator(self) -> Simulator:
         """What simulates them, where this run is to be executed."""
-        about = {"workers": self.workers, "ray": self.ray, "space": self.settings.space}
-        return Simulator(self.experiment, self.backend, **about)
+        weights = self.settings.reward_weights
+        return Simulator(
+            self.experiment,
+            self.backend,
+            workers=self.workers,
+            ray=self.ray,
+            space=self.settings.space,
+            # An environment of one's own need not take any.
+            **({"reward_weights": weights} if weights else {}),  # type: ignore[arg-type]
+        )
 
     def run(self) -> None:
         """Train to the last generation.
@@ -197,8 +238,10 @@ class TrainingRun:
             saved_at = time.perf_counter()
             try:
                 while not self.finished:
-                    self._generation(simulator, recorder, bar)
+                    recorded = self._generation(simulator, recorder, bar)
                     self._take_snapshot()
+                    if self._on_generation:
+                        self._on_generation(recorded)
                     if time.perf_counter() - saved_at > SAVE_SECONDS or self.finished:
                         self._save_state(recorder)
                         saved_at = time.perf_counter()
@@ -210,7 +253,7 @@ class TrainingRun:
                     self._save_state(recorder)
                 raise
 
-    def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> None:
+    def _generation(self, simulator: Simulator, recorder: RunWriter, bar: tqdm) -> Generation:
         start = time.perf_counter(), time.process_time()
         settings, optimiser, progress = self.settings, self.optimiser, self.progress
         index = progress.generation
@@ -231,19 +274,18 @@ class TrainingRun:
         progress.generation += 1
         steps = int(result.steps.sum())
         seconds = self._account(simulator, start, steps)
-        recorder.generation(
-            Generation(
-                index=index,
-                mu=before["mu"],
-                sigma=before["sigma"],
-                returns=result.returns,
-                steps=result.steps,
-                seeds=seeds,
-                total_steps=progress.total_steps,
-                seconds=progress.seconds,
-                cpu_seconds=progress.cpu_seconds,
-            )
+        recorded = Generation(
+            index=index,
+            mu=before["mu"],
+            sigma=before["sigma"],
+            returns=result.returns,
+            steps=result.steps,
+            seeds=seeds,
+            total_steps=progress.total_steps,
+            seconds=progress.seconds,
+            cpu_seconds=progress.cpu_seconds,
         )
+        recorder.generation(recorded)
         if progress.generation % settings.evaluate_every == 0 or self.finished:
             mean = optimiser.state()["mu"].round(CANDIDATE_DECIMALS)
             best = candidates[np.argmax(returns)]
@@ -255,13 +297,15 @@ class TrainingRun:
         )
         bar.set_postfix_str(self._status, refresh=False)
         bar.update()
+        return recorded
 
     _status = ""
 
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
         """Score an agent as the published runs did; keep it if it is the best so far.
 
-        With the environment's rewards, and the factor for smaller legs where training has it.
+        With the environment's rewards, and where training has them the factor for smaller legs and
+        the weights of the rewards' terms.
         """
         start = time.perf_counter(), time.process_time()
         settings, progress = self.settings, self.progress
@@ -289,15 +333,20 @@ class TrainingRun:
             seeds=seeds[0],
             kept=kept,
         )
-        record_rollout(agent, self._folder.rollout(generation), 0)
+        weights = settings.reward_weights
+        record_rollout(agent, self._folder.rollout(generation), 0, reward_weights=weights)
         if kept:
             progress.best_score, progress.best_generation = score, generation
             checkpoint.save(agent, self._folder.best)
 
     def _agent(self, parameters: np.ndarray, **about) -> Agent:
         about |= {"seed": self.settings.seed, "generation": self.progress.generation}
-        about |= {"versions": versions()}
+        about |= {**self._init_about, "versions": versions()}
         return Agent(self.experiment, parameters, metadata=about, space=self.settings.space)
+
+    @property
+    def _init_about(self) -> dict[str, str]:
+        return {"init_sha256": self._init_hash} if self._init_hash else {}
 
     def _rollout(self, simulator: Simulator, candidates, seeds, shaped=False, progress=None):
         try:
@@ -326,6 +375,7 @@ class TrainingRun:
             "experiment": self.experiment.name,
             "seed": str(self.settings.seed),
             "settings": json.dumps(self.settings.as_dict(), sort_keys=True),
+            **self._init_about,
             **self._limits,
             # Not in the checkpoint: its bytes stay those of any code that computes the same.
             "versions": json.dumps({**versions(), "sources": sources_hash()}, sort_keys=True),
@@ -346,6 +396,7 @@ class TrainingRun:
         metadata = {
             "experiment": self.experiment.name,
             "settings": self.settings.as_dict(),
+            **self._init_about,
             "progress": dataclasses.asdict(self.progress),
             "versions": versions(),
         }
@@ -381,7 +432,7 @@ class TrainingRun:
         except InputError as error:
             raise InputError(f"{self._folder.state} cannot be used: {error}") from None
         self._check_best(progress)
-        self.progress = progress
+        self.progress, self._init_hash = progress, metadata.get("init_sha256")
 
     def _check_best(self, progress: _Progress) -> None:
         """The kept agent is this run's, and not older than the state."""

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from designrl.provenance import sources_hash
 MAX_FAILURES = 3  # of one task, before it is blamed and not its workers
 PATIENCE_SECONDS = 30.0  # without a result from the cluster, before it is mentioned
 
-Results = Iterator[tuple[int, object]]
+Results = Iterator[tuple[int, Any]]
 
 
 class TaskError(Exception):
@@ -134,7 +135,8 @@ class ProcessWorkers:
         self, function: Callable, candidates: np.ndarray, tasks: Sequence[tuple], seconds: float
     ) -> Results:
         """See above; InputError also where no process starts."""
-        function, waiting, failures = _packed(function), deque(range(len(tasks))), Counter()
+        function, waiting = _packed(function), deque(range(len(tasks)))
+        failures: Counter[int | str] = Counter()
         running: dict[Future, tuple[int, ProcessPoolExecutor]] = {}
         try:
             while waiting or running:
@@ -150,7 +152,8 @@ class ProcessWorkers:
                         running[future] = waiting.popleft(), pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     index, pool = running.pop(future)
-                    culprit = index
+                    culprit: int | str = index
+                    fault: InputError | TaskError
                     match future.exception():
                         case None:
                             self._idle.append(pool)

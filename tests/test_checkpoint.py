@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from designrl.author import describe as describe_author
 from designrl.author import load_author
 from designrl.checkpoint import STATE_FORMAT, describe, save, write_tensors
 from designrl.errors import InputError
@@ -77,6 +78,9 @@ def test_flipped_bits_are_noticed(tmp_path):
         ("[[1, 2], 3]", "has 2804 parameters"),
         ("[[1, 2]", "not a 2018 weights file"),
         ('{"a": 1}', "not a 2018 weights file"),
+        ("[[1, 2]]", "has 2804 parameters"),
+        ("[[1, 2], 3, 4]", "not a 2018 weights file"),
+        ("[]", "not a 2018 weights file"),
         (json.dumps([[[1.0]] * 2804, 1]), "has 2804 parameters"),
         (json.dumps([["a"] * 2804, 1]), "not a 2018 weights file"),
         (json.dumps([[0.0] * 2803 + [float("nan")], 1]), "parameter 2803 is not a finite"),
@@ -97,6 +101,11 @@ def test_a_2018_file_is_imported_in_its_order(tmp_path):
     np.testing.assert_array_equal(agent.parameters, parameters)
     np.testing.assert_allclose(agent.design, 1 + 0.75 * np.tanh(parameters[-8:]))
     assert agent.metadata["score"] == 12.5
+    (tmp_path / "mean.json").write_text(json.dumps([parameters.tolist()]))
+    mean = load(tmp_path / "mean.json", "biped-morphology")
+    np.testing.assert_array_equal(mean.parameters, parameters)
+    assert "score" not in mean.metadata
+    assert "2812 numbers, no score; experiments" in describe_author(tmp_path / "mean.json")
 
 
 def test_a_run_without_an_agent_says_so(tmp_path):

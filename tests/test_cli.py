@@ -118,6 +118,8 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("evaluate absent.safetensors", "absent.safetensors cannot be read"),
         ("evaluate agent.safetensors --experiment biped", "not biped"),
         ("evaluate agent.safetensors --episodes 0", "needs 1 to"),
+        ("evaluate agent.safetensors --reward-weight energy", "no term and its weight, as energy"),
+        ("evaluate agent.safetensors --reward-weight energi=2", "no reward term 'energi'"),
         ("train biped-hard", "did you mean 'biped-hardcore'"),
         ("train biped --workers 0 --out r", "at least 1"),
         ("info absent.mcap", "absent.mcap"),

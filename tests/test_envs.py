@@ -5,6 +5,8 @@ import dataclasses
 import pickle
 import signal
 import warnings
+from functools import reduce
+from operator import add
 
 import gymnasium
 import numpy as np
@@ -13,6 +15,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import designrl  # noqa: F401
+from designrl.envs.tasks import WORLDS
 from designrl.errors import InputError
 
 STEPS = {
@@ -108,6 +111,47 @@ def test_a_copy_by_pickle_is_the_same_environment(env_id):
     env = make(env_id, design=designs(env_id)[0]).unwrapped
     copy = pickle.loads(pickle.dumps(env))
     np.testing.assert_array_equal(trajectory(copy, 2), trajectory(env, 2))
+
+
+def test_weighted_terms_add_up_to_the_reward_and_a_copy_has_them(env_id):
+    first, second, *_ = terms = WORLDS[env_id].reward_terms
+    weights = {second: 0.0, first: -2.5}
+    plain, weighted = make(env_id), make(env_id, reward_weights=weights)
+    copy = pickled(weighted)
+    rng = np.random.default_rng(0)
+    for env in (plain, weighted, copy):
+        env.reset(seed=0)
+    for _ in range(60):
+        action = rng.uniform(-1, 1, plain.action_space.shape)
+        (*_, info), (_, reward, *_, more) = (env.step(action) for env in (plain, weighted))
+        assert tuple(more["reward_terms"]) == terms
+        for name, value in info["reward_terms"].items():
+            assert more["reward_terms"][name] == value * weights.get(name, 1.0)
+        assert reward == reduce(add, more["reward_terms"].values(), 0.0)
+        assert copy.step(action)[1] == reward
+
+
+def test_weights_of_one_change_no_bit_of_the_reward(env_id):
+    ones = dict.fromkeys(WORLDS[env_id].reward_terms, 1)
+    plain, weighted = make(env_id), make(env_id, reward_weights=ones)
+    assert trajectory(plain, 3).tobytes() == trajectory(weighted, 3).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("weights", "words"),
+    [
+        ({"energi": 2.0}, "no reward term 'energi'; there are .*progress"),
+        ({"progress": np.nan}, "the weight of progress is nan; it must be a number from -1e.06"),
+        ({"progress": 2e6}, "the weight of progress is 2000000.0"),
+        ({"progress": "2"}, "the weight of progress is '2'"),
+        ([2.0], "it must name terms and their weights"),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused(env_id, weights, words):
+    with pytest.raises(InputError, match=words):
+        make(env_id, reward_weights=weights)
+    with pytest.raises(InputError, match=words):
+        gymnasium.make_vec(env_id, 2, "vector_entry_point", reward_weights=weights)
 
 
 def test_wrong_arguments_are_refused(env_id):

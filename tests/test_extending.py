@@ -1,6 +1,7 @@
 """The body, the experiment and the optimiser of docs/extending.md, in all parts of the house."""
 
 import dataclasses
+import importlib.util
 import pickle
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from types import SimpleNamespace
 import gymnasium
 import numpy as np
 import pytest
-from test_docs import ROOT, blocks
+from test_docs import ROOT, STAND_IN, blocks
 
 import designrl
 from designrl.bodies.ant import ANT
@@ -60,6 +61,9 @@ def page(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("designrl.experiments.EXPERIMENTS", dict(EXPERIMENTS))
         patch.chdir(tmp_path_factory.mktemp("page"))
+        if not importlib.util.find_spec("tensorboard"):
+            patch.setitem(sys.modules, "torch.utils.tensorboard", None)  # and none, afterwards
+            exec(STAND_IN, {})
         exec("\n".join(blocks(ROOT / "docs/extending.md", "python")), names)
         register(NINTH)
         yield SimpleNamespace(**names)
@@ -86,6 +90,15 @@ def test_a_body_of_ones_own_trains_evaluates_records_replays_and_resumes(page, t
     assert read(out / "generations.mcap").generations.tolist() == [0, 1, 2, 3, 4, 5, 6]
     resumed, straight = (TrainingRun(longer, f, resume=True).optimiser.mu for f in (out, tmp_path))
     assert (resumed == straight).all()
+
+
+def test_tensorboard_is_told_of_each_generation(page):
+    if importlib.util.find_spec("tensorboard"):
+        [file] = Path("runs/hopper/board").glob("events.*")
+        assert file.stat().st_size > 5 * 40
+        return
+    means = read("runs/hopper/seed1/generations.mcap").array("/summary", "mean")
+    assert page.board == [("mean return", mean, i) for i, mean in enumerate(means)]
 
 
 def test_a_ninth_experiment_on_the_walker_has_the_engine_and_its_bits_and_trains(tmp_path):

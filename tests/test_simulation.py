@@ -85,6 +85,46 @@ def test_smaller_legs_multiply_the_rewards_of_training_only():
 
 
 @pytest.mark.parametrize(
+    ("name", "weights"),
+    [
+        ("biped-hardcore-morphology-smaller-leg", {"energy": 2.0, "fall": 0.3, "leg_area": -1.5}),
+        ("ant-morphology", {"progress": 0.7, "electricity": 3.0, "stall": 0.0}),
+    ],
+)
+def test_weighted_rewards_have_the_same_bits_in_the_engine_and_in_the_reference(name, weights):
+    parameters, seeds = candidates(name, 3), np.arange(6).reshape(3, 2)
+    results = []
+    for backend in ("engine", "reference"):
+        with Simulator(name, backend, reward_weights=weights) as simulator:
+            assert simulator.backend == backend
+            results += [simulator.rollout(parameters, seeds, training=t) for t in (False, True)]
+    with Simulator(name) as simulator:
+        plain = simulator.rollout(parameters, seeds)
+    for ours, theirs in (results[::2], results[1::2]):
+        np.testing.assert_array_equal(ours.returns, theirs.returns)
+        np.testing.assert_array_equal(ours.steps, plain.steps)
+        assert (ours.returns != plain.returns).all()
+
+
+@pytest.mark.parametrize("backend", ["engine", "reference"])
+def test_shaped_rewards_have_weights_but_of_what_costs_nothing(backend):
+    parameters, seeds = candidates("biped", 2), np.zeros((2, 1), dtype=int)
+    with Simulator("biped", backend, reward_weights={"energy": 0.0}) as simulator:
+        simulator.rollout(parameters, seeds, shaped=True)
+    with Simulator("biped", backend, reward_weights={"fall": 0.0}) as simulator:
+        simulator.rollout(parameters, seeds)
+        with pytest.raises(InputError, match="a fall costs nothing; leave its weight out"):
+            simulator.rollout(parameters, seeds, shaped=True)
+
+
+def test_an_evaluation_says_which_weights_it_had():
+    agent = Agent(get_experiment("biped"), candidates("biped", 1)[0])
+    weighted = evaluate(agent, 2, reward_weights={"energy": 2.0})
+    assert weighted.summary()["reward_weights"] == {"energy": 2.0}
+    assert "reward_weights" not in evaluate(agent, 2).summary()
+
+
+@pytest.mark.parametrize(
     ("name", "dimension"),
     [("biped-hardcore-morphology", "bottom leg 2 height"), ("ant", "back left bottom radius")],
 )
@@ -316,6 +356,7 @@ def test_wrong_input_is_refused():
         ("backend", {"backend": "gpu"}),
         ("lidar is 'v9'", {"lidar": "v9"}),
         ("biped has no speed; leave it out", {"speed": 3}),
+        ("no reward term 'speed'", {"reward_weights": {"speed": 2.0}}),
         (r"give design to rollout\(\)", {"design": np.ones(8)}),
         *(("workers is .* whole number", {"workers": n}) for n in (0, 1.5, "2", None)),
         ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -13,13 +14,15 @@ import numpy as np
 import pytest
 
 import designrl
-from designrl import cli, plan, simulation
+from designrl import author, cli, plan, simulation
 from designrl import train as train_module
-from designrl.checkpoint import STATE_FORMAT, describe, load, read_tensors, write_tensors
+from designrl.author import load_author
+from designrl.checkpoint import STATE_FORMAT, describe, load, read_tensors, save, write_tensors
 from designrl.envs.tasks import leg_area_reward_factor
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
+from designrl.policy import Agent
 from designrl.recording import read
 from designrl.reinforce import Reinforce
 from designrl.run_folder import RunFolder
@@ -388,6 +391,166 @@ def test_a_resumed_run_may_have_more_generations(tmp_path):
     assert (np.diff(recording.array("/summary", "cpu_seconds")) > 0).all()
 
 
+def test_a_runs_reward_weights_are_in_its_evaluations_checkpoint_and_recordings(
+    tmp_path,
+):
+    weights = {"posture": 0.5, "energy": 2.0}
+    run = train(tmp_path, generations=2, shaped_rewards=False, reward_weights=weights)
+    agent = load(tmp_path / "best.safetensors")
+    assert agent.metadata["settings"]["reward_weights"] == weights
+    assert "score is that of the settings' reward_weights" in describe(
+        tmp_path / "best.safetensors"
+    )
+    recording = read(tmp_path / "generations.mcap")
+    assert recording.about("settings")["reward_weights"] == weights
+    [evaluation] = recording.messages("/evaluation")
+    with Simulator("biped-morphology", reward_weights=weights) as simulator:
+        again = simulator.rollout(agent.parameters[None], np.array([list(evaluation.seeds)]))
+        candidates = TrainingRun(run.settings, tmp_path / "again").candidates()
+        returns = simulator.rollout(candidates, training_seeds(run.settings, 0)).returns
+    np.testing.assert_array_equal(again.returns[0], evaluation.scores)
+    np.testing.assert_array_equal(next(recording.messages("/returns")).returns, returns.ravel())
+    rollout = read(next((tmp_path / "rollouts").iterdir()))
+    assert rollout.about("reward_weights") == weights
+    with pytest.raises(InputError, match="with reward_weights = .*'energy': 2.0.*, not None"):
+        train(tmp_path, resume=True, generations=3, shaped_rewards=False)
+
+
+def test_the_command_has_each_reward_weight_and_those_of_one_are_none():
+    ours = settings("ant", reward_weights={"stall": 0.0, "progress": np.float32(1.5)})
+    assert " --reward-weight progress=1.5 --reward-weight stall=0.0 " in ours.command()
+    assert cli.settings_of(cli.parser().parse_args(ours.command().split()[1:])) == ours
+    assert settings("ant", reward_weights={"stall": 1}) == settings("ant")
+    assert "reward_weights" not in settings("ant").as_dict()
+
+
+@pytest.mark.parametrize(
+    ("name", "weights", "words"),
+    [
+        ("ant", {"energy": 2.0}, "no reward term 'energy'; there are alive, progress, electricity"),
+        ("biped", {"fall": 0.5}, "a fall costs nothing; .* --no-shaped-rewards"),
+        ("biped", [2.0], "reward-weights is .* must be a mapping"),
+    ],
+)
+def test_reward_weights_that_do_not_fit_are_refused(name, weights, words):
+    with pytest.raises(InputError, match=words):
+        settings(name, shaped_rewards=name == "biped", reward_weights=weights)
+
+
+def agent_file(path):
+    """An agent of biped-morphology with random parameters, saved there."""
+    parameters = np.random.default_rng(0).normal(0, 0.3, 2812)
+    agent = Agent(get_experiment("biped-morphology"), parameters)
+    save(agent, path)
+    return agent
+
+
+def test_a_run_starts_from_an_agents_parameters_and_resumes_to_the_same_bytes(tmp_path):
+    file = tmp_path / "first.safetensors"
+    first = agent_file(file)
+    train(tmp_path / "straight", init=str(file))
+    recording = read(tmp_path / "straight/generations.mcap")
+    mu, sigma = (recording.array("/distribution", name)[0] for name in ("mu", "sigma"))
+    np.testing.assert_array_equal(mu, first.parameters.astype(np.float32))
+    assert (sigma == np.float32(0.1)).all()
+
+    def stop(generation):
+        raise KeyboardInterrupt
+
+    cut = settings(init=str(file)), tmp_path / "resumed", 1, "reference"
+    with pytest.raises(KeyboardInterrupt):
+        TrainingRun(*cut, on_generation=stop).run()
+    digest = file_hash(file)
+    file.unlink()  # it has done its work
+    train(tmp_path / "resumed", resume=True, init=str(file))
+    names = [tmp_path / name / "best.safetensors" for name in ("straight", "resumed")]
+    assert file_hash(names[0]) == file_hash(names[1])
+    about = load(names[1]).metadata
+    assert about["settings"]["init"] == str(file)
+    assert about["init_sha256"] == recording.metadata["init_sha256"] == digest
+    for other in ({}, {"init": "another.safetensors"}):
+        with pytest.raises(InputError, match="holds a run with init = '.*', not"):
+            train(tmp_path / "resumed", resume=True, generations=7, **other)
+
+
+def test_a_run_without_a_first_agent_says_nothing_of_one():
+    assert "init" not in settings().as_dict()
+    ours = settings(init="its agent.safetensors")
+    assert ours.command().endswith("--init 'its agent.safetensors'")
+    assert cli.settings_of(cli.parser().parse_args(shlex.split(ours.command())[1:])) == ours
+
+
+@pytest.mark.parametrize("content", [lambda mu: [mu], lambda mu: [mu, 300.0]])
+def test_a_run_starts_from_weights_of_2018_with_and_without_a_score(content, tmp_path):
+    mu = (np.arange(2812) / 1e4).round(4)
+    (tmp_path / "a.json").write_text(json.dumps(content(mu.tolist())))
+    run = TrainingRun(settings(init=str(tmp_path / "a.json")), tmp_path / "run")
+    np.testing.assert_array_equal(run.optimiser.state()["mu"], mu)
+
+
+@pytest.mark.skipif(author.zoo() is None, reason="AUTHOR_ZOO does not name the author's weights")
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_a_run_starts_from_the_authors_weights(name, tmp_path):
+    file = author.file_of(author.zoo(), name)
+    if name == "ant":  # its network is not the paper's
+        with pytest.raises(InputError, match="140-40-8, linear .*; ant trains 29-64-32-8, tanh"):
+            TrainingRun(settings(name, init=str(file)), tmp_path)
+        return
+    run = TrainingRun(settings(name, init=str(file)), tmp_path)
+    np.testing.assert_array_equal(
+        run.optimiser.mu, load_author(file, get_experiment(name)).parameters
+    )
+
+
+def test_the_flat_walker_may_start_the_one_on_hardcore(tmp_path):
+    first = agent_file(tmp_path / "a.safetensors")
+    hardcore = settings("biped-hardcore-morphology", init=str(tmp_path / "a.safetensors"))
+    run = TrainingRun(hardcore, tmp_path / "run")
+    np.testing.assert_array_equal(run.optimiser.mu, first.parameters)
+
+
+def test_a_body_within_other_limits_does_not_start_a_run(tmp_path):
+    agent_file(tmp_path / "a.safetensors")
+    other = settings(init=str(tmp_path / "a.safetensors"), design_limit=0.5)
+    with pytest.raises(InputError, match="0.25 to 1.75 .* than this run .0.5 to 1.5 .*same limits"):
+        TrainingRun(other, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("ant", "is of biped-morphology, whose parameters are not those of ant;"),
+        ("biped", "is of biped-morphology, whose parameters are not those of biped;"),
+    ],
+)
+def test_what_a_run_cannot_start_from_is_refused_before_anything_is_written(name, words, tmp_path):
+    agent_file(tmp_path / "a.safetensors")
+    with pytest.raises(InputError, match=words):
+        TrainingRun(settings(name, init=str(tmp_path / "a.safetensors")), tmp_path / "run")
+    (tmp_path / "short.json").write_text("[[1.0, 2.0]]")
+    with pytest.raises(InputError, match="short.json cannot be used as .* has .* parameters"):
+        TrainingRun(settings(name, init=str(tmp_path / "short.json")), tmp_path / "run")
+    with pytest.raises(InputError, match="nowhere.safetensors"):
+        TrainingRun(settings(name, init="nowhere.safetensors"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_is_called_for_each_generation_gets_its_record_and_can_end_the_run(tmp_path):
+    seen = []
+
+    def see(generation):
+        seen.append(generation)
+        if generation.index == 2:
+            raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        TrainingRun(settings(), tmp_path, backend="reference", on_generation=see).run()
+    TrainingRun(settings(), tmp_path, backend="reference", resume=True, on_generation=see).run()
+    assert [generation.index for generation in seen] == [0, 1, 2, 3, 4]
+    recorded = read(tmp_path / "generations.mcap").array("/summary", "mean")
+    np.testing.assert_array_equal([g.returns.mean(axis=1).mean() for g in seen], recorded)
+
+
 def test_the_learning_rate_falls_to_its_floor(tmp_path):
     falling = {"learning_rate_decay": 0.5, "learning_rate_floor": 0.004}
     run = train(tmp_path, **falling)
@@ -465,10 +628,10 @@ def test_a_refused_run_leaves_its_folder_to_the_next_one(tmp_path):
 
 
 def test_a_candidate_that_cannot_be_simulated_stops_the_run_and_is_kept(tmp_path, monkeypatch):
-    def break_down(env, agent, seed, shaping):
+    def break_down(env, agent, seed, *others):
         if seed == bad:
             raise RuntimeError("the simulator is broken")
-        return original(env, agent, seed, shaping)
+        return original(env, agent, seed, *others)
 
     original = simulation.run_episode
     bad = training_seeds(settings(), 2)[1, 0]

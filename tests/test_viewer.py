@@ -162,6 +162,11 @@ def test_a_plot_says_what_training_changes_of_the_return(folder, monkeypatch):
         ("biped-morphology-smaller-leg", {}, ["leg area reward", *found]),
         ("biped", {"shaped_rewards": False}, []),
         ("ant", {}, []),
+        (
+            "ant",
+            {"reward_weights": {"stall": 0.0, "progress": 1.5}},
+            ["stall × 0", "progress × 1.5"],
+        ),
     ):
         about = {"experiment": name, "settings": json.dumps(settings)}
         monkeypatch.setattr(type(recording), "metadata", about)

@@ -1,6 +1,8 @@
 import os
 import subprocess
 import sys
+from functools import reduce
+from operator import add
 from pathlib import Path
 
 import gymnasium
@@ -82,6 +84,21 @@ def test_leg_area_reward_multiplies_every_reward_but_the_fall():
         assert info["reward_terms"]["fall"] == reward == -100
     plain, scaled = np.array(rewards)[:, :-1]
     np.testing.assert_allclose(scaled, leg_area_reward_factor(SHORT_LEGS) * plain, rtol=1e-12)
+
+
+def test_the_part_of_smaller_legs_follows_the_weighted_terms_and_has_its_own_weight():
+    weights = {"energy": 3.0, "fall": 0.5, "leg_area": 0.25}
+    env = gymnasium.make(IDS[0], design=SHORT_LEGS, leg_area_reward=True, reward_weights=weights)
+    env.reset(seed=0)
+    rng, terminated = np.random.default_rng(0), False
+    factor = leg_area_reward_factor(SHORT_LEGS)
+    while not terminated:
+        _, reward, terminated, _, info = env.step(rng.uniform(-1.5, 1.5, 4))
+        *before, leg_area = info["reward_terms"].values()
+        assert reward == reduce(add, before, 0.0) + leg_area
+        if not terminated:
+            assert leg_area == pytest.approx(0.25 * (factor - 1) * sum(before), abs=1e-12)
+    assert reward == info["reward_terms"]["fall"] == -50
 
 
 def test_rgb_array_shows_the_body():

@@ -122,7 +122,7 @@ class Body:
             for pair in zip(np.meshgrid(fine, coarse), np.meshgrid(coarse, fine), strict=True)
         )
         points = np.stack([x + middle[0], y + middle[1], np.zeros_like(x)], axis=1)
-        return points, np.tile(np.uint8(GROUND_COLOR), (len(points), 1))
+        return points, np.tile(np.array(GROUND_COLOR, np.uint8), (len(points), 1))
 
 
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:

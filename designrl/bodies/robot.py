@@ -65,13 +65,13 @@ class Robot:
             for link in root.findall("link")
         }
         self.joints = {
-            joint.find("child").get("link"): _joint(joint, pose or {})
+            joint.find("child").get("link"): _joint(joint, pose or {})  # type: ignore[union-attr]
             for joint in root.findall("joint")
         }
 
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) points on its edges and circles, m, with the root at 0; (n, 3) uint8 colors."""
-        places = {"world": (np.zeros(3), np.array([0, 0, 0, 1.0]))}
+        places: dict[str | None, tuple[np.ndarray, np.ndarray]] = {"world": (np.zeros(3), np.array([0, 0, 0, 1.0]))}
         points, colors = [], []
         for link, joint in self.joints.items():
             position, turn = places[joint.parent]
@@ -120,7 +120,8 @@ def _joint(joint, pose: dict[str, float]) -> Joint:
     place, axis, limit = _floats(joint.find("origin"), "xyz"), np.array([0, 0, 1.0]), (0.0, 0.0)
     if joint.get("type") == "revolute":
         axis = _floats(joint.find("axis"), "xyz")
-        limit = [float(joint.find("limit").get(side)) for side in ("lower", "upper")]
+        low, high = (float(joint.find("limit").get(side)) for side in ("lower", "upper"))
+        limit = low, high
     angle = pose.get(joint.get("name"), sum(limit) / 2)
     return Joint(joint.find("parent").get("link"), place, axis, angle)
 

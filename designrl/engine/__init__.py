@@ -39,11 +39,15 @@ class Task:
         flags: what is chosen of it; the walker's are "hardcore" (the terrain with obstacles) and
             "closest_hits" (LIDAR v3), the ant has none.
         max_steps: time limit.
+        reward_weights: of the reward's T terms and of what the reward factors add, which count as 1
+            where they are left out; empty: the reward is the task's own. With any, it is the sum of
+            the weighted terms in their order.
     """
 
     name: str
     flags: tuple[str, ...]
     max_steps: int
+    reward_weights: tuple[float, ...] = ()
 
 
 class _Batch(ctypes.Structure):
@@ -52,7 +56,7 @@ class _Batch(ctypes.Structure):
     _fields_ = [
         *((name, c_void_p) for name in ("sizes", "weights", "noise_stds")),
         ("time_scale", c_double),
-        *((name, c_void_p) for name in ("designs", "reward_factors", "seeds")),
+        *((name, c_void_p) for name in ("designs", "reward_factors", "reward_weights", "seeds")),
         *((name, c_int64) for name in ("candidates", "rollouts", "weight_count")),
         ("layers", c_int32),
         ("output_tanh", c_int32),
@@ -77,6 +81,7 @@ class _Stepping(ctypes.Structure):
             for name in (
                 "designs",
                 "reward_factors",
+                "reward_weights",
                 "actions",
                 "starts",
                 "seeds",
@@ -225,7 +230,7 @@ def rollout(
             no finite number.
         KeyboardInterrupt: within a step or two of Ctrl-C.
     """
-    inputs, outputs, dimensions, *_, flags = _find(task)
+    inputs, outputs, dimensions, terms, _, flags = _find(task)
     sizes = _checked_sizes(sizes)
     if (sizes[0], sizes[-1]) != (inputs + (time_scale is not None), outputs):
         raise InputError(
@@ -251,6 +256,8 @@ def rollout(
         "returns": returns,
         "steps": steps,
     }
+    if task.reward_weights:
+        arrays["reward_weights"] = _term_weights(task, terms)
     if noise_stds is not None:
         arrays["noise_stds"] = _checked("noise_stds", noise_stds, np.float64, (n, outputs))
     if observations:
@@ -338,6 +345,15 @@ def _find(task: Task) -> tuple[int, int, int, int, int, int]:
         )
     whole_number("max_steps", task.max_steps, 1, 2**63 - 1)
     return *counts, sum(1 << i for i, flag in enumerate(known) if flag in task.flags)
+
+
+def _term_weights(task: Task, terms: int) -> np.ndarray:
+    """(T + 1,) weights of a task that has some."""
+    weights = np.ones(terms + 1)
+    if len(task.reward_weights) > len(weights):
+        raise InputError(f"the engine's {task.name} has {terms} terms of its reward")
+    weights[: len(task.reward_weights)] = task.reward_weights
+    return weights
 
 
 def _checked_sizes(sizes: tuple[int, ...]) -> np.ndarray:

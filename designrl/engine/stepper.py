@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from designrl.engine import Task, _find, _library, _Stepping, instruction_set
+from designrl.engine import Task, _find, _library, _Stepping, _term_weights, instruction_set
 from designrl.errors import InputError
 from designrl.provenance import core_count, sources_hash
 
@@ -107,6 +107,7 @@ class Stepper(AbstractContextManager):
         self.observations, self.actions, self.dimensions, self.terms, self.parts = counts
         self.designs = np.ones((count, self.dimensions))
         self._factors = np.ones(count) if reward_factor else None
+        self._weights = _term_weights(task, self.terms) if task.reward_weights else None
         threads = max(1, min(threads or core_count(), count))
         isa = instruction_set(isa).encode()
         self._turn = threading.RLock()
@@ -244,6 +245,8 @@ class Stepper(AbstractContextManager):
         arrays |= {"designs": self.designs, "failed": failed}
         if self._factors is not None:
             arrays["reward_factors"] = self._factors
+        if self._weights is not None:
+            arrays["reward_weights"] = self._weights
         stepping = _Stepping(
             environments=count,
             flags=self._flags,

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import tempfile
+from collections.abc import Mapping
 from functools import reduce
 from operator import add, mul
 
@@ -28,6 +29,7 @@ from designrl.bodies.ant import (
 )
 from designrl.envs import tasks
 from designrl.envs.inputs import HasDesign
+from designrl.envs.tasks import checked_weights
 from designrl.envs.vector import EngineVectorEnv
 from designrl.errors import InputError, MissingPartError
 
@@ -72,7 +74,7 @@ try:
 except ImportError:  # `VectorAnt` needs none, and `Ant` says so
     pybullet = None
 
-REWARD_TERMS = ("alive", "progress", "electricity", "stall", "joint_limits", "foot_collision")
+REWARD_TERMS = tasks.ANT.reward_terms
 
 # The world of RoboschoolAnt-v1 (gym_forward_walker.py, scene_stadium.py, physics-bullet.cpp).
 GRAVITY = 9.8  # m/s²
@@ -195,6 +197,8 @@ class Ant(HasDesign, gymnasium.Env):
       `reset(options={"design": scales})` changes it from then on.
     - `design_bounds`: the lowest and the highest scale, two numbers or two of (36,); None is
       [0.25, 1.75], the paper's.
+    - `reward_weights`: factors of the terms, by name: {"progress": 2.0, "stall": 0.0}. `info` has
+      the weighted terms; their sum, in the order of the table, is the reward.
     - `render_mode`: "rgb_array" (PyBullet's software renderer, 640 x 480) or None.
 
     ## Besides Gymnasium
@@ -203,8 +207,9 @@ class Ant(HasDesign, gymnasium.Env):
 
     Raises:
         InputError (a ValueError): a design of wrong length, not finite or out of bounds; an unknown
-            render mode; unknown reset options; too many environments in one process; an action
-            that is not 8 finite numbers; a seed that is no whole number from 0 on.
+            render mode; an unknown reward term; unknown reset options; too many environments in one
+            process; an action that is not 8 finite numbers; a seed that is no whole number from 0
+            on.
 
     ## Version history
     - v0: the 2018 task on PyBullet 3.2.7.
@@ -214,10 +219,15 @@ class Ant(HasDesign, gymnasium.Env):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 60}
 
     def __init__(
-        self, design=None, design_bounds: tuple | None = None, render_mode: str | None = None
+        self,
+        design=None,
+        design_bounds: tuple | None = None,
+        reward_weights: Mapping[str, float] | None = None,
+        render_mode: str | None = None,
     ):
-        EzPickle.__init__(self, design, design_bounds, render_mode)
         self._client = -1  # before anything that can fail: close() looks at it
+        self.reward_weights = checked_weights(reward_weights, REWARD_TERMS)
+        EzPickle.__init__(self, design, design_bounds, self.reward_weights, render_mode)
         if pybullet is None:
             raise MissingPartError(
                 "single ants need PyBullet, which is not installed; install designrl[reference] "
@@ -278,7 +288,8 @@ class Ant(HasDesign, gymnasium.Env):
             "joint_limits": JOINT_LIMIT_COST * self._joints_at_limit,
             "foot_collision": FOOT_COLLISION_COST * foot_collisions,
         }
-        return observation, _sum(terms.values()), not alive, False, {"reward_terms": terms}
+        reward = self._weigh(terms) if self.reward_weights else _sum(terms.values())
+        return observation, reward, not alive, False, {"reward_terms": terms}
 
     def _observe(self) -> np.ndarray:
         # Few calls for many numbers, and plain floats: both matter beside 0.1 ms of physics.
@@ -486,5 +497,8 @@ class VectorAnt(EngineVectorEnv, VectorEnv):
         InputError: the engine has not the bits of the PyBullet that is installed.
     """
 
-    def __init__(self, num_envs: int = 1, **kwargs):
-        super().__init__(tasks.ANT, {}, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)
+    def __init__(
+        self, num_envs: int = 1, reward_weights: Mapping[str, float] | None = None, **kwargs
+    ):
+        choice = {"reward_weights": reward_weights}
+        super().__init__(tasks.ANT, choice, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)

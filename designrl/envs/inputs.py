@@ -52,6 +52,8 @@ class EpisodeState:
 class HasDesign(EzPickle):
     """An environment with a `body`, in a design that is checked whenever it is set.
 
+    Its `reward_weights` are those of reward terms that are not 1.
+
     An environment defines `_start_episode()`, which begins an episode in its `design` with its
     `np_random` and returns an observation, and `_advance(action)`, a step.
 
@@ -60,6 +62,7 @@ class HasDesign(EzPickle):
     """
 
     body: Body
+    reward_weights: dict[str, float]
     # (D,) that it was made with, or that `design` was set to: a choice, as an agent's reset is not.
     given_design: np.ndarray | None = None
     # Of the episode: the generator at its start, scales, actions' bytes, observation's bytes. None
@@ -93,6 +96,14 @@ class HasDesign(EzPickle):
         actions += action.tobytes()
         self._episode = *start, actions, result[0].tobytes()
         return result
+
+    def _weigh(self, terms: dict[str, float]) -> float:
+        """Multiply a reward's terms by their weights; their sum, in their order."""
+        total = 0.0
+        for name in terms:
+            terms[name] *= self.reward_weights.get(name, 1.0)
+            total += terms[name]
+        return total
 
     def get_state(self) -> EpisodeState:
         """The episode as it is, for `set_state` here or in another environment of this kind.

@@ -3,11 +3,12 @@
 import hashlib
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
+from numbers import Real
 
 import gymnasium
 import numpy as np
@@ -20,6 +21,7 @@ from designrl.engine.stepper import DISABLED, Stepper
 from designrl.errors import InputError
 
 TRIAL_STEPS = 100
+MAX_WEIGHT = 1e6  # of a reward's term; larger ones are slips of the keyboard
 # Bodies that `designrl.verify` compares. Of larger ones, a part can touch more pieces of ground at
 # once than the engine holds.
 ENGINE_SCALES = 0.05, 5.0
@@ -45,6 +47,29 @@ def is_closest_lidar(version: str) -> bool:
     return version == "v3"
 
 
+def checked_weights(reward_weights: Mapping | None, terms: tuple[str, ...]) -> dict[str, float]:
+    """The weights of a reward's terms that are not 1, in the terms' order.
+
+    Raises:
+        InputError: no mapping; a term that there is not; a weight that is no number.
+    """
+    if not isinstance(reward_weights, Mapping | None):
+        raise InputError(
+            f"reward_weights is {reward_weights!r}; it must name terms and their weights, as "
+            f"{{{terms[0]!r}: 2.0}}"
+        )
+    found = dict(reward_weights or {})
+    for name, weight in found.items():
+        if name not in terms:
+            raise InputError(f"there is no reward term {name!r}; there are {', '.join(terms)}")
+        if not isinstance(weight, Real) or not abs(float(weight)) <= MAX_WEIGHT:
+            raise InputError(
+                f"the weight of {name} is {weight!r}; it must be a number from {-MAX_WEIGHT:g} to "
+                f"{MAX_WEIGHT:g}"
+            )
+    return {name: float(found[name]) for name in terms if found.get(name, 1.0) != 1.0}
+
+
 Choice = tuple[tuple[str, ...], RewardFactor | None]  # flags of the engine's task, and a factor
 EngineTask = tuple[Task, RewardFactor | None]
 
@@ -68,6 +93,7 @@ class World:
         entry_point, vector_entry_point: its class and that of many on the engine, "module:Class".
         task: name of the engine's task.
         max_steps: time limit, that of 2018.
+        reward_terms: their names, in the order in which they are added.
         choose: what keywords of its class choose in the engine; with others the engine cannot run.
         kwargs: keywords that hold where nothing else is said.
         on_trial: its bits in the engine hang on what is installed: the ant's on the version of
@@ -82,6 +108,7 @@ class World:
     vector_entry_point: str
     task: str
     max_steps: int
+    reward_terms: tuple[str, ...]
     choose: Callable[..., Choice]
     kwargs: dict = field(default_factory=dict)
     on_trial: tuple[str, str] | None = None
@@ -96,7 +123,9 @@ class World:
             max_episode_steps=self.max_steps,
         )
 
-    def engine_task(self, max_episode_steps: int | None = None, **kwargs) -> EngineTask | None:
+    def engine_task(
+        self, max_episode_steps: int | None = None, reward_weights: Mapping | None = None, **kwargs
+    ) -> EngineTask | None:
         """What the compiled engine runs for it with these keywords.
 
         Returns: the engine's `Task` and the reward's factor, if any; None where the engine has no
@@ -111,7 +140,9 @@ class World:
             return None
         flags, factor = self.choose(**kwargs)
         limit = self.max_steps if max_episode_steps is None else max_episode_steps
-        return Task(self.task, flags, limit), factor
+        weights = checked_weights(reward_weights, self.reward_terms)
+        every = tuple(weights.get(name, 1.0) for name in self.reward_terms) if weights else ()
+        return Task(self.task, flags, limit, every), factor
 
     def engine_reason(self, space: DesignSpace | None = None) -> str | None:
         """Why the engine cannot run it here, as a clause, or None.
@@ -135,8 +166,8 @@ class World:
 def trial(world: World) -> str | None:
     """Why the engine's environment is not the reference's here, as a clause; None where it is."""
     # Contacts carry a difference in the last bit of anything into the rewards within a few steps.
-    task, _ = world.engine_task()
-    package, elsewhere = world.on_trial
+    task, _ = world.engine_task()  # type: ignore[misc]  # nothing that the engine lacks was asked
+    package, elsewhere = world.on_trial  # type: ignore[misc]  # only such a world has a trial
     rng = np.random.default_rng(0)
     with Stepper(task, 1, DISABLED) as stepper:
         design = rng.uniform(0.75, 1.25, (1, stepper.dimensions))
@@ -163,11 +194,18 @@ def trial(world: World) -> str | None:
 
 
 _WALKERS = "designrl.envs.walker:Walker", "designrl.envs.walker:VectorWalker", "walker"
-FLAT = World("designrl/BipedalWalker-v0", *_WALKERS, 1600, _walker, {"hardcore": False})
-HARDCORE = World("designrl/BipedalWalkerHardcore-v0", *_WALKERS, 2000, _walker, {"hardcore": True})
+_WALKER_TERMS = "progress", "posture", "energy", "fall", "leg_area"
+FLAT, HARDCORE = (
+    World(env_id, *_WALKERS, steps, _WALKER_TERMS, _walker, {"hardcore": hardcore})
+    for env_id, steps, hardcore in (
+        ("designrl/BipedalWalker-v0", 1600, False),
+        ("designrl/BipedalWalkerHardcore-v0", 2000, True),
+    )
+)
 _ANTS = "designrl.envs.ant:Ant", "designrl.envs.ant:VectorAnt", "ant"
+_ANT_TERMS = "alive", "progress", "electricity", "stall", "joint_limits", "foot_collision"
 _ANT_TRIAL = "pybullet", "4c9e030df25cb2f0073338a679b37cdb7b574d8ac47f2bbda71ba1149b45323a"
-ANT = World("designrl/Ant-v0", *_ANTS, 1000, _ant, on_trial=_ANT_TRIAL)
+ANT = World("designrl/Ant-v0", *_ANTS, 1000, _ANT_TERMS, _ant, on_trial=_ANT_TRIAL)
 WORLDS = {world.env_id: world for world in (FLAT, HARDCORE, ANT)}
 
 

@@ -1,5 +1,6 @@
 """BipedalWalker with learnable legs: Gymnasium's walker on legs of any size."""
 
+from collections.abc import Mapping
 from functools import reduce
 from operator import add
 
@@ -10,7 +11,12 @@ from gymnasium.vector import VectorEnv
 
 from designrl.bodies.walker import WALKER
 from designrl.envs.inputs import HasDesign
-from designrl.envs.tasks import FLAT, is_closest_lidar, leg_area_reward_factor
+from designrl.envs.tasks import (
+    FLAT,
+    checked_weights,
+    is_closest_lidar,
+    leg_area_reward_factor,
+)
 from designrl.envs.vector import EngineVectorEnv
 from designrl.errors import optional
 
@@ -27,7 +33,7 @@ try:
 except ImportError:  # `VectorWalker` needs none of it, and `Walker` says so
     b2RayCastCallback = b2World = BipedalWalker = object  # noqa: N816
 
-REWARD_TERMS = ("progress", "posture", "energy", "fall", "leg_area")
+REWARD_TERMS = FLAT.reward_terms
 
 
 def walker_spaces() -> tuple[spaces.Box, spaces.Box]:
@@ -174,12 +180,15 @@ class Walker(HasDesign, BipedalWalker):
       reports, which is not always the closest one. "v3": at the closest, as in Gymnasium.
     - `leg_area_reward`: multiply the rewards, except that of a fall, by 1 + ln(original leg area /
       leg area).
+    - `reward_weights`: factors of the terms, by name: {"energy": 2.0, "fall": 0.5}. Then the reward
+      is the sum of the weighted terms, which `info` has, in the order of the table; `leg_area` is
+      that of the weighted ones before it, times its own weight.
     - `hardcore`, `render_mode` ("human", "rgb_array"): as in Gymnasium.
 
     Raises:
         InputError (a ValueError): a design of wrong length, not finite or out of bounds; an
-            unknown `lidar`; unknown reset options; an action that is not four finite numbers; a
-            seed that is no whole number from 0 on.
+            unknown `lidar`; an unknown reward term; unknown reset options; an action that is not
+            four finite numbers; a seed that is no whole number from 0 on.
 
     ## Version history
     - v0: the 2018 task on Gymnasium 1.4 and box2d-py 2.3.8.
@@ -194,13 +203,15 @@ class Walker(HasDesign, BipedalWalker):
         leg_area_reward: bool = False,
         hardcore: bool = False,
         design_bounds: tuple | None = None,
+        reward_weights: Mapping[str, float] | None = None,
         render_mode: str | None = None,
     ):
         with optional("single walkers", "reference"):
             import Box2D  # noqa: F401
+        self.reward_weights = checked_weights(reward_weights, REWARD_TERMS)
         self._closest_hits = is_closest_lidar(lidar)
         super().__init__(render_mode=render_mode, hardcore=hardcore)
-        settings = lidar, leg_area_reward, hardcore, design_bounds
+        settings = lidar, leg_area_reward, hardcore, design_bounds, self.reward_weights
         EzPickle.__init__(self, design, *settings, render_mode)
         self.leg_area_reward = leg_area_reward
         self._set_design(design, design_bounds)
@@ -219,8 +230,9 @@ class Walker(HasDesign, BipedalWalker):
     def _advance(self, action: np.ndarray):
         observation, reward, terminated, truncated, info = BipedalWalker.step(self, action)
         x, tilt = self.hull.position[0], abs(self.hull.angle)
-        terms = dict.fromkeys(REWARD_TERMS, 0.0)
-        if self.game_over or x < 0:
+        terms = dict.fromkeys(REWARD_TERMS[:-1], 0.0)
+        leg_area, fell = 0.0, self.game_over or x < 0
+        if fell:
             terms["fall"] = float(reward)
         else:
             terms["progress"] = 130 / SCALE * (x - self._x)
@@ -228,11 +240,17 @@ class Walker(HasDesign, BipedalWalker):
             # Not sum(): from Python 3.12 on it rounds otherwise.
             work = reduce(add, (min(abs(a), 1.0) for a in action))
             terms["energy"] = -0.00035 * MOTORS_TORQUE * work
-            if self.leg_area_reward:
-                terms["leg_area"] = reward * (self._reward_factor - 1.0)
+        if weights := self.reward_weights:
+            reward = self._weigh(terms)
+        if self.leg_area_reward and not fell:
+            leg_area = reward * (self._reward_factor - 1.0)
+            if weights:
+                leg_area *= weights.get("leg_area", 1.0)
+                reward += leg_area
+            else:
                 reward *= self._reward_factor
         self._x, self._tilt = x, tilt
-        info["reward_terms"] = terms
+        info["reward_terms"] = {**terms, "leg_area": leg_area}
         return observation, float(reward), terminated, truncated, info
 
 
@@ -246,7 +264,9 @@ class VectorWalker(EngineVectorEnv, VectorEnv):
         lidar: str = "v2",
         leg_area_reward: bool = False,
         hardcore: bool = False,
+        reward_weights: Mapping[str, float] | None = None,
         **kwargs,
     ):
         choice = {"hardcore": hardcore, "lidar": lidar, "leg_area_reward": leg_area_reward}
+        choice["reward_weights"] = reward_weights
         super().__init__(FLAT, choice, num_envs, WALKER, walker_spaces(), REWARD_TERMS, **kwargs)

@@ -32,7 +32,7 @@ class RolloutWriter:
         path: the file.
         env: an environment with a `designrl.bodies.Body` as its `body`, already reset.
         metadata: what to say of the rollout; "experiment", the name of one with this body, is what
-            `designrl replay` knows the body by.
+            `designrl replay` knows the body by. The environment's reward weights are added.
 
     Attributes:
         score: sum of the rewards so far.
@@ -45,6 +45,8 @@ class RolloutWriter:
         self._env, self._step, self._shown_at, self.score = env.unwrapped, 0, None, 0.0
         self._shapes, self._is_entered = None, False
         self._file = McapFile(path)
+        if weights := getattr(self._env, "reward_weights", None):
+            metadata = {**metadata, "reward_weights": weights}
         self._file.metadata(ROLLOUT, metadata)  # first, so that a file that was cut has it
         try:
             self._write_start(metadata)
@@ -199,7 +201,12 @@ def _caption(metadata: dict, body: Body, scales: np.ndarray) -> str:
 
 
 def record_rollout(
-    agent, path: str | Path, seed: int, steps: int | None = None, design=None
+    agent,
+    path: str | Path,
+    seed: int,
+    steps: int | None = None,
+    design=None,
+    reward_weights=None,
 ) -> float:
     """Roll an agent out once and record that.
 
@@ -210,17 +217,19 @@ def record_rollout(
             has those of an evaluation.
         steps: how many to record at most; None: the whole episode.
         design: the body to walk with, as `Agent.body_with` takes it; None: its own.
+        reward_weights: of the environment's reward terms, as it takes them.
 
-    Returns: the score of what is recorded, without any training-time change of the reward.
+    Returns: the score of what is recorded, without any other training-time change of the reward.
 
     Raises:
-        InputError: the seed is no whole number from 0 on, or no design of the body.
+        InputError: the seed is no whole number from 0 on, no design of the body, or weights that
+            the environment refuses.
         RecordingError: the file cannot be written.
     """
     seed = whole_number("the seed", seed, 0)
     space, scales = agent.experiment.body.design, agent.body_with(design)
-    env_id = agent.experiment.env_id
-    env = gymnasium.make(env_id, disable_env_checker=True, **agent.env_kwargs)
+    kwargs = {**agent.env_kwargs, **({"reward_weights": reward_weights} if reward_weights else {})}
+    env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True, **kwargs)
     about = {
         "experiment": agent.experiment.name,
         "seed": seed,

@@ -57,6 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
     cases.append(full_manifold_case())
     if author.zoo() is None:
         print("random policies and our ants only; AUTHOR_ZOO=folder adds the author's")
+    weighted = sum(bool(case.env_kwargs.get("reward_weights")) for case in cases)
     isa = engine.instruction_set()
     steps, counts, differences = 0, Counter(), []
     with ProcessPoolExecutor(options.workers) as pool:
@@ -71,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
     for (kind, experiment, limits), count in sorted(counts.items()):
         print(f"{count:6d} episodes, {kind} policies, {experiment}, bodies {limits}")
     print(
-        f"{len(cases)} episodes, {steps} steps ({isa}): "
+        f"{len(cases)} episodes, {weighted} of them with reward weights, {steps} steps ({isa}): "
         f"{len(cases) - len(differences)} equal in every bit, {len(differences)} different"
     )
     for case, found in differences[:10]:

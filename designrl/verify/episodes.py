@@ -4,7 +4,8 @@ Every observation, the return and the length must have the same bits. Designs, p
 are random; policies are random networks, some of other sizes than the experiments', and the
 author's trained ones where AUTHOR_ZOO names their folder. All kinds of episode take turns: both
 terrains, both LIDARs, with and without shaped rewards and those of smaller legs. Ants have random
-and trained policies (ours, too), on bodies from the original one to some at all bounds.
+and trained policies (ours, too), on bodies from the original one to some at all bounds. A fifth of
+the episodes has random weights of the reward's terms.
 """
 
 from dataclasses import dataclass, field, replace
@@ -17,7 +18,7 @@ from gymnasium.wrappers import TransformObservation
 from designrl import author
 from designrl.bodies.walker import WALKER
 from designrl.design import DesignSpace
-from designrl.envs.tasks import ENGINE_SCALES
+from designrl.envs.tasks import ENGINE_SCALES, WORLDS
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
 from designrl.names import PRETRAINED, load
 from designrl.policy import Agent, bounds_kwargs
@@ -34,6 +35,7 @@ OTHER_ANT_NETWORKS = (
     Network((29, 16, 8), time_scale=300.0),
     Network((28, 20, 8), "linear", noise=True),
 )
+WEIGHTED_EVERY = 5  # of the cases; prime to the numbers of kinds, so that each kind has some
 # Bodies at their bounds: of short, thick legs and of long, thin ones; per leg 6 lengths, 3 radii.
 CORNERS = np.tile([[-1.0] * 6 + [1.0] * 3, [1.0] * 6 + [-1.0] * 3], 4)
 
@@ -192,9 +194,9 @@ def make_ant_cases(episodes: int, seed: int = 0) -> list[Case]:
             other = (*designs, bounds)[rng.integers(len(designs) + 1)]
             if name == ANTS[1] and (turn < 2 or rng.random() < 0.5):
                 parameters[network.num_parameters :] = other
-        seed = int(rng.integers(2 ** int(rng.choice([10, 31, 63]))))
-        cases.append(Case(kind, name, parameters, seed, network))
-    return cases
+        episode = int(rng.integers(2 ** int(rng.choice([10, 31, 63]))))
+        cases.append(Case(kind, name, parameters, episode, network))
+    return _weighted(cases, seed)
 
 
 def with_other_limits(cases: list[Case], seed: int = 0) -> list[Case]:
@@ -254,7 +256,20 @@ def make_cases(episodes: int, seed: int = 0) -> list[Case]:
                 parameters = trained
             else:
                 parameters[:split] = trained[:split]
-        seed = int(rng.integers(2 ** int(rng.choice([10, 31, 63]))))
+        episode = int(rng.integers(2 ** int(rng.choice([10, 31, 63]))))
         about = {"lidar": lidar, "leg_area_reward": smaller}
-        cases.append(Case(kind, experiment, parameters, seed, network, shaped, about))
+        cases.append(Case(kind, experiment, parameters, episode, network, shaped, about))
+    return _weighted(cases, seed)
+
+
+def _weighted(cases: list[Case], seed: int) -> list[Case]:
+    """The cases, every fifth with weights of some of the reward's terms."""
+    rng, cases = np.random.default_rng([seed, WEIGHTED_EVERY]), list(cases)
+    for i in range(WEIGHTED_EVERY - 1, len(cases), WEIGHTED_EVERY):
+        case = cases[i]
+        terms = WORLDS[get_experiment(case.experiment).env_id].reward_terms
+        chosen = {name: rng.normal(1.0, 2.0) for name in terms if rng.random() < 0.6}
+        if case.shaped:
+            chosen.pop("fall", None)  # it costs nothing there
+        cases[i] = replace(case, env_kwargs={**case.env_kwargs, "reward_weights": chosen})
     return cases

@@ -51,6 +51,8 @@ class VectorCase:
 
 NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
 SMALL_LEGS = {"leg_area_reward": True, "lidar": "v3"}
+WALKER_WEIGHTS = {"progress": 0.3, "posture": -1.7, "energy": 2.9, "fall": 0.7}
+ANT_WEIGHTS = {"alive": 0.3, "progress": -1.7, "electricity": 2.9, "stall": 0.0}
 VECTOR_CASES = (
     VectorCase(FLAT_ID, NEXT, bodies="original"),
     VectorCase(FLAT_ID, SAME, kwargs={"max_episode_steps": 60}),
@@ -65,6 +67,13 @@ VECTOR_CASES = (
     VectorCase(FLAT_ID, SAME, kwargs={"design_bounds": (0.25, 4.0)}),
     VectorCase(HARDCORE_ID, NEXT, 9, kwargs={"design_bounds": ENGINE_SCALES, **SMALL_LEGS}),
     VectorCase(ANT_ID, NEXT, kwargs={"design_bounds": (0.25, 4.0)}),
+    VectorCase(FLAT_ID, SAME, kwargs={"reward_weights": WALKER_WEIGHTS}),
+    VectorCase(
+        HARDCORE_ID,
+        NEXT,
+        kwargs={**SMALL_LEGS, "reward_weights": {**WALKER_WEIGHTS, "leg_area": 1.3}},
+    ),
+    VectorCase(ANT_ID, SAME, kwargs={"reward_weights": ANT_WEIGHTS}),
 )
 
 

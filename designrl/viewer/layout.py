@@ -208,7 +208,9 @@ def training_changes(recording: Recording) -> list[str]:
 def training_rewards(recording: Recording) -> list[str]:
     """The rewards that only a run's training and its evaluations have, in words."""
     experiment = EXPERIMENTS.get(recording.metadata.get("experiment"))
-    return [name.replace("_", " ") for name in experiment.training_kwargs] if experiment else []
+    words = [name.replace("_", " ") for name in experiment.training_kwargs] if experiment else []
+    weights = recording.about("settings").get("reward_weights") or {}
+    return words + [f"{term} × {weight:g}" for term, weight in weights.items()]
 
 
 def _scene(title: str, origin: str, contents: str, eye) -> rrb.Spatial3DView:

@@ -13,6 +13,7 @@ struct Batch {
   double time_scale;             // steps; the last input is t / time_scale; 0: there is none such
   const double* designs;         // (candidates, the task's design) scales
   const double* reward_factors;  // (candidates,)
+  const double* reward_weights;  // (the task's terms + 1,), see episodes.h, or null: none
   const uint64_t* seeds;         // (candidates, rollouts)
   int64_t candidates, rollouts, weight_count;
   int32_t layers, output_tanh;
@@ -39,6 +40,7 @@ struct Stepping {
   int64_t max_steps;             // time limit
   const double* designs;         // (environments, the task's design) scales
   const double* reward_factors;  // (environments,), or null: none
+  const double* reward_weights;  // (the task's terms + 1,), or null: none
   const double* actions;         // (environments, the task's actions); null: this is a reset
   const uint8_t* starts;         // (environments,) Start: of which, and from a seed or going on
   const uint64_t* seeds;         // (environments,)

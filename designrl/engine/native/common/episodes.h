@@ -35,6 +35,10 @@
 //
 // Shaped rewards, of the published training code: a fall costs nothing, and an episode that ends
 // without one above kSolvedReturn earns kSolvedBonus more.
+//
+// Reward factors multiply every reward but that of a fall; what they add is a term of its own, after
+// the task's. With weights the reward is another sum: that of the terms, each times its weight, in
+// their order.
 #pragma once
 
 #include "common/batch.h"
@@ -50,6 +54,13 @@ struct Outcome {
   double reward;  // of the environment; with a fall, what that costs
   double terms[Task::kTerms];  // its parts, in the order of the environment
   bool terminated, fell;
+
+  // Weights the terms; their sum.
+  double weigh(const double* weights) {
+    double sum = 0.0;
+    for (int t = 0; t < Task::kTerms; ++t) sum += terms[t] *= weights[t];
+    return sum;
+  }
 };
 
 // Tasks that have begun a step: solves them side by side, in their order. Those that are put off
@@ -173,8 +184,14 @@ class Episode {
       for (int i = 0; i < Task::kObservations; ++i) to[i] = outcome_.observation[i];
     }
     if (steps_ > 0) {
+      const double factor = batch.reward_factors[candidate_];
       double reward = outcome_.reward;
-      if (!outcome_.fell) reward *= batch.reward_factors[candidate_];
+      if (const double* weights = batch.reward_weights) {
+        reward = outcome_.weigh(weights);
+        if (!outcome_.fell) reward += reward * (factor - 1.0) * weights[Task::kTerms];
+      } else if (!outcome_.fell) {
+        reward *= factor;
+      }
       if (batch.shaped && outcome_.fell) reward = 0.0;
       total_ += reward;
     }

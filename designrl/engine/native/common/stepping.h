@@ -33,10 +33,12 @@ class Environment {
     task.finish_step(all.flags, outcome_);
     if (task.failed()) all.failed[i] = 1;
     if (++steps_ == 0) return;
-    double reward = outcome_.reward, more = 0.0;
+    const double* weights = all.reward_weights;
+    double reward = weights ? outcome_.weigh(weights) : outcome_.reward, more = 0.0;
     if (all.reward_factors && !outcome_.fell) {
       more = reward * (all.reward_factors[i] - 1.0);
-      reward *= all.reward_factors[i];
+      if (weights) reward += more *= weights[Task::kTerms];
+      else reward *= all.reward_factors[i];
     }
     all.rewards[i] = reward;
     for (int t = 0; t < Task::kTerms; ++t) all.terms[t * all.environments + i] = outcome_.terms[t];
