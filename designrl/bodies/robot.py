@@ -71,7 +71,9 @@ class Robot:
 
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
         """(n, 3) points on its edges and circles, m, with the root at 0; (n, 3) uint8 colors."""
-        places: dict[str | None, tuple[np.ndarray, np.ndarray]] = {"world": (np.zeros(3), np.array([0, 0, 0, 1.0]))}
+        places: dict[str | None, tuple[np.ndarray, np.ndarray]] = {
+            "world": (np.zeros(3), np.array([0, 0, 0, 1.0]))
+        }
         points, colors = [], []
         for link, joint in self.joints.items():
             position, turn = places[joint.parent]
