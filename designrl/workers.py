@@ -24,6 +24,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from gymnasium.vector.utils import CloudpickleWrapper
 
 from designrl.errors import InputError, optional
 from designrl.provenance import sources_hash
@@ -94,7 +95,7 @@ def _begin(lifeline) -> None:
 
 
 def _unpacked(function: bytes, *arguments):
-    return pickle.loads(function)(*arguments)
+    return pickle.loads(function).fn(*arguments)
 
 
 def _packed(function: Callable) -> Callable:
@@ -105,10 +106,8 @@ def _packed(function: Callable) -> Callable:
     """
     if getattr(sys.modules["__main__"], "__file__", None):
         return function
-    import cloudpickle  # of Gymnasium: it sends the classes of a notebook as they are
-
-    try:
-        return partial(_unpacked, cloudpickle.dumps(function))
+    try:  # Gymnasium's wrapper sends the classes of a notebook as they are
+        return partial(_unpacked, pickle.dumps(CloudpickleWrapper(function)))
     except Exception as error:
         raise InputError(
             f"what is defined here cannot be sent to worker processes ({_one_line(error)}); write "

@@ -1,6 +1,8 @@
 """Recordings: what is written is what is read, whatever happened to the file in between."""
 
+import base64
 import errno
+import io
 import json
 import os
 import re
@@ -16,7 +18,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from PIL import Image
 
+from designrl.bodies import GROUND_COLOR
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.policy import Agent
@@ -33,6 +37,7 @@ from designrl.recording import (
     table,
     thin,
 )
+from designrl.recording.film import PICTURES
 from designrl.recording.mcap_file import McapFile
 from designrl.simulation import Simulator
 
@@ -588,6 +593,20 @@ def test_steps_outside_of_the_writers_with_are_refused(stepped, tmp_path):
     assert "  0 steps\n" in describe(writer._file.path)
     with pytest.raises(RecordingError, match="rollout without a step"):
         table(writer._file.path)
+
+
+@pytest.mark.parametrize("name", ["biped-hardcore-morphology", "ant"])
+def test_a_notebook_shows_a_rollout_as_a_film(name, tmp_path):
+    record_rollout(random_agent(name), tmp_path / "x.mcap", seed=0, steps=20)
+    recording = read(tmp_path / "x.mcap")
+    data = re.search(r'base64,(.*)"', recording._repr_html_())[1]
+    film = Image.open(io.BytesIO(base64.b64decode(data)))
+    assert film.n_frames == np.ceil(recording.seconds * PICTURES)
+    first, last = (
+        np.asarray(film.convert("RGB")) for i in (0, 1) if not film.seek(-i % film.n_frames)
+    )
+    ground = (np.abs(first.astype(int) - GROUND_COLOR).max(axis=2) < 40).mean()
+    assert 0.01 < ground < 0.9 and (first != last).any()
 
 
 def test_two_processes_do_not_write_into_one_file(tmp_path):

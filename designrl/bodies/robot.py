@@ -82,13 +82,13 @@ class Robot:
             turn = multiply(turn, np.append(np.sin(half) * axis, np.cos(half)))
             places[link] = position, turn
             for shape in self.shapes[link]:
-                own = shape.xyz + rotate(shape.quaternion, _outline(shape))
+                own = shape.xyz + rotate(shape.quaternion, outline_of(shape))
                 points.append(position + rotate(turn, own))
                 colors.append(np.tile(shape.color[:3], (len(own), 1)))
         return np.concatenate(points), np.concatenate(colors)
 
 
-def _outline(shape: Shape) -> np.ndarray:
+def outline_of(shape: Shape) -> np.ndarray:
     """(n, 3) points on a shape's edges or circles, around its middle."""
     if shape.kind == "box":
         lines = []

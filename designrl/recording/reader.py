@@ -67,6 +67,14 @@ class Recording(Scan):
         about = self.metadata.get("experiment", "nothing that we know")[:MAX_NAME]
         return printable(f"<{_KINDS[self.kind].capitalize()} of {about}, {self.path}>")
 
+    def _repr_html_(self) -> str | None:
+        """What a notebook shows: a rollout's film."""
+        if self.kind != ROLLOUT:
+            return None
+        from designrl.recording.film import html
+
+        return html(self)
+
     @property
     def metadata(self) -> dict[str, str]:
         """What the file says of its run or rollout."""
