@@ -81,7 +81,7 @@ $(TRAINING): requirements-train.lock $(READY)
 	@touch $@
 
 test: $(TRAINING)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 FLOORS := build/floors
 test-floors: $(READY)

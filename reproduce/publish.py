@@ -20,6 +20,7 @@ from designrl.files import file_hash, write_atomically
 from designrl.names import load
 from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
+from designrl.recording.run import KEPT
 from designrl.settings import TrainSettings
 from reproduce import curves, drawing, paths, scores
 from reproduce.paths import EIGHT, paper, recording_of
@@ -27,6 +28,7 @@ from reproduce.runs import Run, read_published, read_run
 from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
+WHOLE, DISTRIBUTIONS = "seed0", 20  # of this run the whole rollout, and so many distributions
 
 
 def publish(run: Path, name: str, replace: bool = False) -> str:
@@ -56,9 +58,11 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
         raise InputError(f"{there} is of another run, which stays; train one with another seed")
     shutil.rmtree(log, ignore_errors=True)
     log.mkdir(parents=True)
-    thin(run / "generations.mcap", log / "generations.mcap")
+    whole = name == WHOLE
+    keep = KEPT | ({"/distribution": DISTRIBUTIONS} if whole else {})
+    thin(run / "generations.mcap", log / "generations.mcap", keep)
     rollout = log / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
-    record_rollout(agent, rollout, SEED, steps=ROLLOUT_STEPS)
+    record_rollout(agent, rollout, SEED, steps=None if whole else ROLLOUT_STEPS)
     write_atomically(checkpoint, content)
     learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
     add_to_index(write_card(checkpoint, agent.experiment.name))
