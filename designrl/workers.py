@@ -260,7 +260,7 @@ class RayWorkers:
                 f"this process is in the Ray cluster at {ray.get_runtime_context().gcs_address} "
                 f"already; use that, or leave it with ray.shutdown() to use {address}"
             )
-        retries = {"max_retries": MAX_FAILURES - 1, "retry_exceptions": True}
+        retries: dict[str, Any] = {"max_retries": MAX_FAILURES - 1, "retry_exceptions": True}
         self._task = ray.remote(num_cpus=1, **retries)(_on_node)
         self._said_to_wait = False
 
