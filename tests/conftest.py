@@ -14,6 +14,11 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_terminal_summary(terminalreporter):
+    if author.zoo() is None:
+        terminalreporter.write_line("Tests with the author's weights were skipped: no AUTHOR_ZOO.")
+
+
 @pytest.fixture
 def author_agent():
     """Loads the author's agent of an experiment, or skips where his weights are absent."""
