@@ -20,7 +20,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -65,11 +64,12 @@ def _one_line(error: BaseException) -> str:
     return f"{name}{error}".replace("\n", " ")[:300]
 
 
-def _in_time(seconds: float, function: Callable, *arguments):
+def _in_time(seconds: float, function: Callable | bytes, *arguments):
     """The function's result, or the end of this process."""
+    work = pickle.loads(function).fn if isinstance(function, bytes) else function
     signal.alarm(math.ceil(seconds))
     try:
-        return function(*arguments)
+        return work(*arguments)
     finally:
         signal.alarm(0)
 
@@ -94,12 +94,8 @@ def _begin(lifeline) -> None:
     threading.Thread(target=end, daemon=True).start()
 
 
-def _unpacked(function: bytes, *arguments):
-    return pickle.loads(function).fn(*arguments)
-
-
-def _packed(function: Callable) -> Callable:
-    """The function as a worker can have it that cannot run this process's script once more.
+def _packed(function: Callable) -> Callable | bytes:
+    """The function, or in bytes for workers that cannot run this process's script once more.
 
     Raises:
         InputError: it holds what cannot be sent.
@@ -107,7 +103,7 @@ def _packed(function: Callable) -> Callable:
     if getattr(sys.modules["__main__"], "__file__", None):
         return function
     try:  # Gymnasium's wrapper sends the classes of a notebook as they are
-        return partial(_unpacked, pickle.dumps(CloudpickleWrapper(function)))
+        return pickle.dumps(CloudpickleWrapper(function))
     except Exception as error:
         raise InputError(
             f"what is defined here cannot be sent to worker processes ({_one_line(error)}); write "
@@ -134,7 +130,7 @@ class ProcessWorkers:
         self, function: Callable, candidates: np.ndarray, tasks: Sequence[tuple], seconds: float
     ) -> Results:
         """See above; InputError also where no process starts."""
-        function, waiting = _packed(function), deque(range(len(tasks)))
+        packed, waiting = _packed(function), deque(range(len(tasks)))
         failures: Counter[int | str] = Counter()
         running: dict[Future, tuple[int, ProcessPoolExecutor]] = {}
         try:
@@ -142,7 +138,7 @@ class ProcessWorkers:
                 while waiting and len(running) < self.count:
                     pool = self._idle.pop() if self._idle else self._start()
                     rows, *arguments = tasks[waiting[0]]
-                    work = seconds, function, candidates[rows], *arguments
+                    work = seconds, packed, candidates[rows], *arguments
                     try:
                         future = pool.submit(_in_time, *work)
                     except BrokenProcessPool:  # it died while it was idle; the task still waits

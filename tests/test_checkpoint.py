@@ -124,7 +124,7 @@ def test_the_wrong_file_is_refused_by_name(tmp_path):
     with pytest.raises(InputError, match="is a folder"):
         load(tmp_path)
     (tmp_path / "a.json").write_text("[[], 0]")
-    with pytest.raises(InputError, match="name its experiment"):
+    with pytest.raises(InputError, match="the name of its experiment"):
         load(tmp_path / "a.json")
 
 

@@ -121,7 +121,7 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("evaluate agent.safetensors --reward-weight energy", "no term and its weight, as energy"),
         ("evaluate agent.safetensors --reward-weight energi=2", "no reward term 'energi'"),
         ("train biped-hard", "did you mean 'biped-hardcore'"),
-        ("train biped --workers 0 --out r", "at least 1"),
+        ("train biped --workers 0 --out r", "from 1 on"),
         ("info absent.mcap", "absent.mcap"),
         ("info empty.mcap", "not an MCAP file"),
         (

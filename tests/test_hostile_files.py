@@ -132,7 +132,8 @@ def test_odd_file_names_are_told_in_a_line(name, tmp_path):
         done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == (2 if words[1] == name else 0), done.stderr
         assert "Traceback" not in done.stderr and "\x1b" not in done.stdout + done.stderr
-        assert done.stderr.count("\n") == (words != ["info", path])
+        lines = {"info": 0 if words[1] == path else 1, "replay": 2}[words[0]]  # not shown; from
+        assert done.stderr.count("\n") == lines
 
 
 def test_a_refusal_is_not_longer_than_it_has_to_be(tmp_path, capsys):

@@ -616,7 +616,7 @@ def test_what_is_of_another_run_than_its_name_says_is_not_used(trained, project,
         path.parent.mkdir(parents=True)
         shutil.copyfile(trained / file, path)
     assert f"{name}.safetensors is of " in scores.score(checkpoint, experiment).problem
-    found, missing = figure5.read_runs(experiment, "label")
+    found, missing = curves.read_runs(experiment, "label")
     assert not found
     said = (
         f"not drawn (logs/{place}/generations.mcap is of biped, seed 0, not of {experiment}, seed"
