@@ -13,6 +13,7 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -364,9 +365,9 @@ def test_what_we_start_of_rerun_ends_with_a_kill_of_us():
         host, port = process.stdout.readline().strip().split(":")
         with socket.create_connection((host, int(port)), 60) as connection:
             process.kill()
-            assert connection.recv(100) is not None  # it waits
-            while connection.recv(100):
-                pass
+            with suppress(ConnectionResetError):  # an end, too
+                while connection.recv(100):
+                    pass
 
 
 @pytest.mark.parametrize(
