@@ -126,8 +126,8 @@ def save(agent: Agent, path: str | Path) -> None:
         "experiment": agent.experiment.name,
         "network": dataclasses.asdict(agent.network),
     }
-    if agent.space.limits != agent.experiment.body.design.limits:
-        metadata["limits"] = agent.space.limits
+    if limits := agent.experiment.limits_of(agent.space):
+        metadata["limits"] = limits
     write_tensors(path, {"parameters": agent.parameters}, metadata, FORMAT)
 
 

@@ -84,13 +84,11 @@ def _say_file(path: str | Path) -> None:
 
 
 def _design(sub) -> None:
-    sub.add_argument(
+    _named_numbers(
+        sub,
         "--design",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME=SCALE",
-        help="change the agent's body, in scales of the original size: "
+        "NAME=SCALE",
+        "change the agent's body, in scales of the original size: "
         '"bottom leg 2 height=0.6"; several are allowed',
     )
 
@@ -103,13 +101,11 @@ def _design_of(args) -> dict[str, float] | None:
 
 
 def _reward_weights(sub) -> None:
-    sub.add_argument(
+    _named_numbers(
+        sub,
         "--reward-weight",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="TERM=X",
-        help="multiply a term of the reward: energy=2.0; several are allowed (default: 1 each)",
+        "TERM=X",
+        "multiply a term of the reward: energy=2.0; several are allowed (default: 1 each)",
     )
 
 
@@ -118,6 +114,11 @@ def _weights_of(args) -> dict[str, float] | None:
     return _numbers(
         args.reward_weight, "--reward-weight {} is no term and its weight, as energy=2.0"
     )
+
+
+def _named_numbers(sub, flag: str, metavar: str, help: str) -> None:  # noqa: A002
+    """An option for `_numbers`."""
+    sub.add_argument(flag, nargs="+", action="extend", default=[], metavar=metavar, help=help)
 
 
 def _numbers(texts: list[str], wrong: str) -> dict[str, float] | None:
@@ -477,13 +478,14 @@ def _compare(args) -> None:
     for path in filter(None, [args.output]):
         (check_target if Path(path).suffix in SUFFIXES else compare.check_target)(path)
     runs = compare.read_runs(args.runs)
-    print("\n".join(map(printable, compare.summary(runs).splitlines())))
+    data = compare.curves(runs)
+    print("\n".join(map(printable, compare.summary(data).splitlines())))
     for run in runs:
         _say_file(run.path)
     if args.output and Path(args.output).suffix in SUFFIXES:
-        write_table(compare.curves(runs), args.output)
+        write_table(data, args.output)
     elif args.output:
-        compare.picture(runs, args.output)
+        compare.picture(data, args.output, compare.title(runs))
     if args.output:
         print(printable(f"{args.output} written"))
 

@@ -2,8 +2,9 @@
 
 runs = read_runs(["biped/seed0", "runs/biped/seed7"])
 labels(runs)                       # what differs: ["seed 0", "seed 7"]
-picture(runs, "curves.svg")
-write_table(curves(runs), "curves.csv")
+data = curves(runs)
+picture(data, "curves.svg")
+write_table(data, "curves.csv")
 """
 
 import io
@@ -125,12 +126,11 @@ def curves(runs: list[Recording]) -> Table:
     return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
-def summary(runs: list[Recording]) -> str:
-    """A line for each run: how far it went, and the best that it reached."""
-    named = labels(runs)
+def summary(data: Table) -> str:
+    """A line for each run of `curves`: how far it went, and the best that it reached."""
+    named = list(dict.fromkeys(data["run"].tolist()))
     width = max(map(len, named))
     lines = [f"{'run':{width}}  generations  million steps  core-hours  best evaluation"]
-    data = curves(runs)
     for label in named:
         own = {name: values[data["run"] == label] for name, values in data.items()}
         best = own["best evaluation"][~np.isnan(own["best evaluation"])]
@@ -150,19 +150,26 @@ def check_target(path: str | Path) -> None:
     _matplotlib()
 
 
-def picture(runs: list[Recording], path: str | Path) -> None:
+def title(runs: list[Recording]) -> str:
+    """What a picture of runs is of: their experiment, where it is one."""
+    experiments = {run.metadata.get("experiment", "") for run in runs}
+    return experiments.pop() if len(experiments) == 1 else ""
+
+
+def picture(data: Table, path: str | Path, title: str = "") -> None:
     """Draw the curves over environment steps: the population's return, the best evaluation.
 
     Args:
-        runs: from `read_runs`.
+        data: from `curves`.
         path: the file to write, .png, .svg or .pdf.
+        title: stands above them.
 
     Raises:
         InputError: another suffix, a file that exists or cannot be written, or no Matplotlib.
     """
     check_target(path)
     figure_type = _matplotlib()
-    data, named = curves(runs), labels(runs)
+    named = list(dict.fromkeys(data["run"].tolist()))
     has_scores = not np.isnan(data["evaluation"]).all()
     panels = ["mean return in training", *(["best evaluation"] if has_scores else [])]
     columns = max(1, min(3, int(110 / (max(map(len, named)) + 8))))
@@ -185,9 +192,8 @@ def picture(runs: list[Recording], path: str | Path) -> None:
                 label=label.replace("$", r"\$"),
                 **how,
             )
-    experiments = {run.metadata.get("experiment", "") for run in runs}
-    if len(experiments) == 1:
-        figure.suptitle(_plain(*experiments), fontsize=9)
+    if title:
+        figure.suptitle(_plain(title), fontsize=9)
     for axes, panel in zip(each, panels, strict=True):
         axes.set_xlabel("environment steps (millions)")
         axes.set_ylabel({"best evaluation": "best evaluation so far, points"}.get(panel, panel))
@@ -195,10 +201,15 @@ def picture(runs: list[Recording], path: str | Path) -> None:
         axes.grid(alpha=0.3, linewidth=0.5)
     handles, texts = each[0].get_legend_handles_labels()
     figure.legend(handles, texts, loc="outside lower center", ncols=columns, fontsize=8)
-    file, suffix = io.BytesIO(), Path(path).suffix[1:]
-    changing = {"svg": "Date", "pdf": "CreationDate", "png": "Software"}[suffix]
-    figure.savefig(file, format=suffix, dpi=150, metadata={changing: None})
-    write_atomically(path, file.getvalue())
+    write_atomically(path, rendered(figure, Path(path).suffix[1:], dpi=150))
+
+
+def rendered(figure, kind: str, dpi: int) -> bytes:
+    """A figure as a file's content, "svg", "pdf" or "png", without when and by what it was made."""
+    file = io.BytesIO()
+    changing = {"svg": "Date", "pdf": "CreationDate", "png": "Software"}[kind]
+    figure.savefig(file, format=kind, dpi=dpi, metadata={changing: None})
+    return file.getvalue()
 
 
 def _plain(text: str) -> str:

@@ -108,6 +108,10 @@ class Experiment:
         """The dimensions that it learns; None where the body is fixed."""
         return self.body.design if self.learns_design else None
 
+    def limits_of(self, space: DesignSpace) -> dict | None:
+        """The limits of bodies as files name them, for `space`; None where they are its own."""
+        return None if space.limits == self.body.design.limits else space.limits
+
     def space(self, limits: Mapping | None) -> DesignSpace:
         """The body's dimensions with `DesignSpace.limits`, as files have them; none: its own.
 

@@ -387,9 +387,8 @@ class TrainingRun:
 
     @property
     def _limits(self) -> dict[str, str]:
-        limits = self.settings.space.limits
-        other = limits != self.experiment.body.design.limits
-        return {"limits": json.dumps(limits)} if other else {}
+        limits = self.experiment.limits_of(self.settings.space)
+        return {"limits": json.dumps(limits)} if limits else {}
 
     def _take_snapshot(self) -> None:
         # Of whole generations only: an interrupt can come in the middle of an update.

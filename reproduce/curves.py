@@ -121,7 +121,7 @@ def curves(experiments: tuple[str, ...]) -> Figure:
                 axes.set_ylim(-150, 400)  # nothing to draw yet
             axes.margins(x=0.02)
         if "biped" in experiments or "biped-hardcore" in experiments:
-            below.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+            drawing.line_of_solved(below)
         show_differences(below, experiments[0])
         for name, colour in zip(experiments, COLOURS, strict=True):
             mark_paper(below, axis, name, labels[name], colour)
@@ -130,11 +130,8 @@ def curves(experiments: tuple[str, ...]) -> Figure:
             below.set_xlim(left=0)
     for axes, label in zip(panels[:, 0], returns(experiments[0]), strict=True):
         axes.set_ylabel(label)
-    handles, texts = panels[1, 0].get_legend_handles_labels()
-    named = dict(zip(texts, handles, strict=True))  # once for all runs
-    if named:
-        columns = 2 if max(map(len, named)) < 50 else 1
-        figure.legend(named.values(), named, loc="outside lower center", ncols=columns)
+    _, texts = panels[1, 0].get_legend_handles_labels()
+    drawing.legend(figure, panels[1, 0], ncols=2 if max(map(len, texts), default=0) < 50 else 1)
     notes = [note for _, missing in found.values() for note in missing]
     if notes:
         figure.suptitle("; ".join(notes), fontsize=7, color="#B00000")

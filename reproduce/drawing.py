@@ -1,6 +1,5 @@
 """What the figures share: style, saving, and walkers drawn from their environment's own shapes."""
 
-import io
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,10 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from designrl.bodies import GROUND_COLOR, SKY_COLOR
+from designrl.compare import rendered
 from designrl.evaluation import episode_seeds
 from designrl.files import write_atomically
 from designrl.policy import Agent
 from reproduce.paths import EIGHT
+from reproduce.runs import SOLVED
 from reproduce.scores import EPISODES, MISSING, SEED, Score
 from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
@@ -50,10 +51,8 @@ def save(folder: Path, name: str, figure: Figure) -> list[Path]:
     """Write NAME.svg, .pdf and .png to a folder; returns their paths."""
     paths = []
     # A layout moves a little at each drawing: another order would change the committed PNG.
-    for suffix, changing in (("svg", "Date"), ("pdf", "CreationDate"), ("png", "Software")):
-        data = io.BytesIO()
-        figure.savefig(data, format=suffix, dpi=200, metadata={changing: None})
-        content = data.getvalue()
+    for suffix in ("svg", "pdf", "png"):
+        content = rendered(figure, suffix, dpi=200)
         # Matplotlib names what clips by a layout's last bits, which differ from time to time.
         for number, clip in enumerate(re.findall(rb'<clipPath id="(\w+)"', content)):
             content = content.replace(clip, b"clip%d" % number)
@@ -68,6 +67,18 @@ def source_of(s: Score) -> str:
         run = s.path.stem.rpartition(".")[2]
         return f"author's weights, run {run if run.isdigit() else 1}"
     return f"ours, {s.run}"
+
+
+def legend(figure: Figure, axes: Axes, **how) -> None:
+    """Below a figure, each label of a panel once, however many lines have it; none without any."""
+    handles, texts = axes.get_legend_handles_labels()
+    if named := dict(zip(texts, handles, strict=True)):
+        figure.legend(named.values(), named, loc="outside lower center", **how)
+
+
+def line_of_solved(axes: Axes) -> None:
+    """A thin line at the points of a solved task."""
+    axes.axhline(SOLVED, color=GREY, linewidth=0.6, linestyle="--", zorder=0)
 
 
 def typical_seed(*found: Score | None) -> int:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from reproduce import drawing, paths
 from reproduce.curves import COLOURS, HARDCORE, LABELS
 from reproduce.paths import at_papers_settings, paper, recordings, unfinished
-from reproduce.runs import SOLVED, read_published
+from reproduce.runs import read_published
 from reproduce.sources import Sources
 
 CAPTIONS = {
@@ -91,7 +91,7 @@ def figures(sources: Sources) -> dict[str, Figure]:
     for experiment, colour in zip(HARDCORE, COLOURS, strict=True):
         draw_paper(left, right, experiment, colour)
         draw_ours(left, right, experiment, colour)
-    right.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+    drawing.line_of_solved(right)
     left.set_ylabel("population's mean return\nin training, less 100 (points)")
     right.set_ylabel("best agent's score (points)")
     right.tick_params(labelleft=True)
@@ -99,7 +99,5 @@ def figures(sources: Sources) -> dict[str, Figure]:
         axes.set_xlabel("generation")
         axes.set_xlim(left=0)
         axes.set_ylim(-170, 400)
-    handles, texts = right.get_legend_handles_labels()
-    named = dict(zip(texts, handles, strict=True))  # once for all runs
-    figure.legend(named.values(), named, loc="outside lower center", ncols=2)
+    drawing.legend(figure, right, ncols=2)
     return {"figure5": figure}

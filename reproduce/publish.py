@@ -125,8 +125,7 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
     for axes, label in zip((left, right), curves.returns(name), strict=True):
         axes.set_xlabel(curves.STEPS)
         axes.set_ylabel(label)
-    handles, texts = right.get_legend_handles_labels()
-    figure.legend(handles, texts, loc="outside lower center", ncols=2)
+    drawing.legend(figure, right, ncols=2)
     return figure
 
 

@@ -17,7 +17,7 @@ from reproduce import drawing, paths
 from reproduce.curves import STEPS
 from reproduce.paths import EIGHT, paper, pretrained, recordings, seed_of, unfinished
 from reproduce.program import program
-from reproduce.runs import SOLVED, Run, read_published, read_run
+from reproduce.runs import Run, read_published, read_run
 from reproduce.sources import Sources
 from reproduce.tables import as_csv
 
@@ -148,15 +148,11 @@ def learning_rates() -> Figure:
     draw(study(FAST, LEARNER), "0.03, falling fast", drawing.THIRD)
     papers = [run for run in runs if run.papers]
     draw(papers, "0.01, constant, four times the rollouts: the paper's", drawing.ORIGINAL)
-    axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+    drawing.line_of_solved(axes)
     axes.set_xlabel(STEPS)
     axes.set_ylabel("evaluation (points)")
     axes.set_xlim(left=0)
-    handles, texts = axes.get_legend_handles_labels()
-    named = dict(zip(texts, handles, strict=True))
-    if named:
-        title = "learning rate (runs)"
-        figure.legend(named.values(), named, loc="outside lower center", title=title)
+    drawing.legend(figure, axes, title="learning rate (runs)")
     return figure
 
 

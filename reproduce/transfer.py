@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from designrl.errors import InputError
 from reproduce import drawing, paths
 from reproduce.curves import STEPS
-from reproduce.runs import SOLVED
 from reproduce.sources import Sources
 from reproduce.statistics import compare, interval, mean_interval, verdict
 
@@ -113,7 +112,7 @@ def figures(sources: Sources) -> dict[str, Figure]:
         for body in BODIES:
             draw(axes, task, body)
         axes.set_title(title if axes.lines else f"{title}: no curve yet")
-        axes.axhline(SOLVED, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+        drawing.line_of_solved(axes)
         axes.set_ylim(-150, 360)
         axes.set_xlabel(STEPS)
         if axes.get_legend_handles_labels()[0]:

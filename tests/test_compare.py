@@ -7,7 +7,7 @@ import pytest
 from matplotlib.image import imread
 
 from designrl.cli import main
-from designrl.compare import curves, labels, picture, read_runs
+from designrl.compare import curves, labels, picture, read_runs, title
 from designrl.errors import InputError
 from designrl.recording import Generation, RunWriter
 from designrl.settings import TrainSettings
@@ -57,7 +57,7 @@ def test_runs_of_other_programs_are_compared_as_they_are(settings, tmp_path):
         writer.generation(Generation(0, zeros, zeros, ones, ones, ones, 2, 1.0))
     runs = read_runs([tmp_path / "$x_$", write_run(tmp_path / "ours")])
     assert len(set(labels(runs))) == 2
-    picture(runs, tmp_path / "curves.png")
+    picture(curves(runs), tmp_path / "curves.png", title(runs))
 
 
 def test_curves_are_those_of_the_recordings(tmp_path):

@@ -34,6 +34,10 @@ class Shape(NamedTuple):
     quaternion: np.ndarray
     color: np.ndarray
 
+    def points(self) -> np.ndarray:
+        """(n, 3) points on its edges or circles, in the link's frame, m."""
+        return self.xyz + rotate(self.quaternion, _outline(self))
+
 
 class Joint(NamedTuple):
     """How a link hangs on its parent: at xyz (3,) there, turned by `angle` about `axis` (3,)."""
@@ -82,13 +86,13 @@ class Robot:
             turn = multiply(turn, np.append(np.sin(half) * axis, np.cos(half)))
             places[link] = position, turn
             for shape in self.shapes[link]:
-                own = shape.xyz + rotate(shape.quaternion, outline_of(shape))
+                own = shape.points()
                 points.append(position + rotate(turn, own))
                 colors.append(np.tile(shape.color[:3], (len(own), 1)))
         return np.concatenate(points), np.concatenate(colors)
 
 
-def outline_of(shape: Shape) -> np.ndarray:
+def _outline(shape: Shape) -> np.ndarray:
     """(n, 3) points on a shape's edges or circles, around its middle."""
     if shape.kind == "box":
         lines = []

@@ -501,4 +501,4 @@ class VectorAnt(EngineVectorEnv, VectorEnv):
         self, num_envs: int = 1, reward_weights: Mapping[str, float] | None = None, **kwargs
     ):
         choice = {"reward_weights": reward_weights}
-        super().__init__(tasks.ANT, choice, num_envs, ANT, ant_spaces(), REWARD_TERMS, **kwargs)
+        super().__init__(tasks.ANT, choice, num_envs, ANT, ant_spaces(), **kwargs)

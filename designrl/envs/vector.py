@@ -97,7 +97,6 @@ class EngineVectorEnv(VectorEnv):
         num_envs: int,
         body: Body,
         spaces: tuple[gymnasium.Space, gymnasium.Space],
-        reward_terms: tuple[str, ...],
         max_episode_steps: int = -1,
         design=None,
         design_bounds: tuple | None = None,
@@ -130,7 +129,7 @@ class EngineVectorEnv(VectorEnv):
         self.num_envs, self.flat_info = num_envs, bool(flat_info)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = spaces
-        self._design_space, self.reward_terms = space, reward_terms
+        self._design_space, self.reward_terms = space, world.reward_terms
         try:
             self.observation_space, self.action_space = (batch_space(s, num_envs) for s in spaces)
             original = np.ones(body.design.size)

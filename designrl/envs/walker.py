@@ -269,4 +269,4 @@ class VectorWalker(EngineVectorEnv, VectorEnv):
     ):
         choice = {"hardcore": hardcore, "lidar": lidar, "leg_area_reward": leg_area_reward}
         choice["reward_weights"] = reward_weights
-        super().__init__(FLAT, choice, num_envs, WALKER, walker_spaces(), REWARD_TERMS, **kwargs)
+        super().__init__(FLAT, choice, num_envs, WALKER, walker_spaces(), **kwargs)

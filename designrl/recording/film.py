@@ -14,7 +14,7 @@ from designrl.bodies import (
     multiply,
     rotate,
 )
-from designrl.bodies.robot import Robot, outline_of
+from designrl.bodies.robot import Robot
 
 SIZE, NEAR, FAR = (480, 270), 75.0, 36.0  # pixels; pixels per m of a floor, of a course
 PICTURES, SECONDS = 15, 10.0  # a second; s that are shown at most
@@ -35,7 +35,12 @@ def html(recording) -> str:
     course = recording.first("/terrain") if recording.topics.get("/terrain") else None
     world = _world_poses(recording, shown)
     middle = next(iter(world.values()))[0]
-    pictures = [_picture(robot, world, course, middle[i], i) for i in range(len(shown))]
+    shapes = [
+        (part, shape.points(), shape.color[:3])
+        for part in world
+        for shape in robot.shapes.get(part, ())
+    ]
+    pictures = [_picture(shapes, world, course, middle[i], i) for i in range(len(shown))]
     file = io.BytesIO()
     how = {"save_all": True, "append_images": pictures[1:], "loop": 0, "quality": 50}
     pictures[0].save(file, "WEBP", duration=round(1000 / PICTURES), **how)
@@ -55,7 +60,7 @@ def _world_poses(recording, shown: np.ndarray) -> dict[str, tuple[np.ndarray, np
     return found
 
 
-def _picture(robot: Robot, world, course, middle: np.ndarray, i: int) -> Image.Image:
+def _picture(shapes, world, course, middle: np.ndarray, i: int) -> Image.Image:
     image = Image.new("RGB", tuple(SMOOTHER * size for size in SIZE), SKY_COLOR)
     draw, scale = ImageDraw.Draw(image), SMOOTHER * (FAR if course else NEAR)
 
@@ -70,16 +75,11 @@ def _picture(robot: Robot, world, course, middle: np.ndarray, i: int) -> Image.I
         draw.polygon([tuple(p) for p in _hull(place(points))], tuple(color), edge)
 
     _draw_ground(fill, course, middle[0])
-    shapes = [
-        (
-            position[i] + rotate(turn[i], shape.xyz + rotate(shape.quaternion, outline_of(shape))),
-            shape,
-        )
-        for part, (position, turn) in world.items()
-        for shape in robot.shapes.get(part, ())
-    ]
-    for points, shape in sorted(shapes, key=lambda each: -each[0][:, 1].mean()):  # far ones first
-        color = shape.color[:3]
+    placed = []
+    for part, points, color in shapes:
+        position, turn = world[part]
+        placed.append((position[i] + rotate(turn[i], points), color))
+    for points, color in sorted(placed, key=lambda each: -each[0][:, 1].mean()):  # far ones first
         fill(points, color.tolist(), tuple((0.6 * color).astype(int).tolist()))
     return image.reduce(SMOOTHER)
 

@@ -43,6 +43,11 @@ class VectorCase:
     kwargs: dict = field(default_factory=dict)
     seed: int = 0
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest scale of its bodies."""
+        return self.kwargs.get("design_bounds", (0.25, 1.75))
+
     def __str__(self) -> str:
         about = " ".join(f"{name}={value}" for name, value in self.kwargs.items())
         name, dtype = self.env_id.split("/")[1], self.dtype.__name__
@@ -82,9 +87,8 @@ def compare_vector(case: VectorCase, steps: int) -> str | None:
     rng = np.random.default_rng(case.seed)
     n, size = case.num_envs, (ANT if case.env_id == ANT_ID else WALKER).design.size
     designs = np.ones((n, size))
-    bounds = case.kwargs.get("design_bounds", (0.25, 1.75))
     if case.bodies != "original":
-        designs[:] = rng.uniform(*bounds, (n if case.bodies == "each" else 1, size))
+        designs[:] = rng.uniform(*case.bounds, (n if case.bodies == "each" else 1, size))
     make = partial(gymnasium.make, case.env_id, disable_env_checker=True, **case.kwargs)
     singles = SyncVectorEnv(
         [partial(make, design=design) for design in designs], autoreset_mode=case.mode
@@ -119,8 +123,7 @@ def _compare(envs: tuple[VectorEnv, VectorEnv], case: VectorCase, steps: int, rn
             seeds = [int(s) if s % 2 else None for s in rng.integers(2**63, size=n)]
             options = {}
             if rng.random() < 0.5:
-                bounds = case.kwargs.get("design_bounds", (0.25, 1.75))
-                options["design"] = rng.uniform(*bounds, envs[1].design.shape[1])
+                options["design"] = rng.uniform(*case.bounds, envs[1].design.shape[1])
             first, second = (
                 env.reset(seed=seeds, options={**options, "reset_mask": mask}) for env in envs
             )
