@@ -570,7 +570,8 @@ def _add_publish(commands) -> None:
     about = "write a run's agent, card and recording into the clone's folders pretrained and logs"
     publish = _command(commands, "publish", _publish, about)
     publish.add_argument("run", metavar="RUN", help="its folder")
-    publish.add_argument("--name", required=True, help='"seedK", or "paper-seedK" (its settings)')
+    names = '"seedK", "paper-seedK" (its settings) or "blooper-seedK" (other limits of its body)'
+    publish.add_argument("--name", required=True, help=names)
 
 
 def _checkpoints(_args) -> None:

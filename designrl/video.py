@@ -225,7 +225,7 @@ def write_video(path: str | Path, frames: Iterable[Image.Image], agent: Agent) -
     else:
         rest = iter(frames)
         first = next(rest)
-        how = {"loop": 0, "duration": round(1000 * seconds), "quality": 40, "method": 4}
+        how = {"loop": 0, "duration": round(1000 * seconds), "quality": 40, "method": 2}
         kind = Path(path).suffix[1:].upper()
         first.save(data, kind, save_all=True, append_images=rest, **how)
     write_atomically(path, data.getvalue())

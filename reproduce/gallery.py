@@ -4,7 +4,8 @@
 
 Writes paper/gallery/EXPERIMENT.webp, a stretch of one typical rollout, and for the walkers on
 hardcore ground fall-EXPERIMENT.webp, the end of the rollout with the lowest score; experiments
-without a checkpoint are skipped. Not part of `make reproduce`: nothing is read from it.
+without a checkpoint are skipped. blooper-EXPERIMENT.webp are of runs whose bodies have other limits
+than the paper's. Not part of `make reproduce`: nothing is read from it.
 """
 
 from collections import deque
@@ -17,9 +18,9 @@ from tqdm import tqdm
 from designrl.evaluation import episode_seeds
 from designrl.video import EVERY, captioned, film, write_video
 from reproduce.drawing import typical_seed
-from reproduce.paths import EIGHT, shown
+from reproduce.paths import EIGHT, bloopers, shown
 from reproduce.program import program
-from reproduce.scores import EPISODES, SEED, Score
+from reproduce.scores import EPISODES, SEED, Score, score
 from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
 
@@ -46,12 +47,12 @@ def fall(s: Score) -> Iterator[Image.Image]:
         yield drawn(picture, s, f"{s.returns.min():.0f}, its lowest of {EPISODES}")
 
 
-def drawn(picture, s: Score, score: str) -> Image.Image:
-    """A picture, small, with the agent's name and a score."""
+def drawn(picture, s: Score, points: str) -> Image.Image:
+    """A picture, small, with the agent's name and its points."""
     image = Image.fromarray(picture)
     size = WIDTH, round(image.height * WIDTH / image.width)
     name = f"{s.agent.experiment.title}, {s.run}"
-    return captioned(image.resize(size, Image.Resampling.LANCZOS), name, score)
+    return captioned(image.resize(size, Image.Resampling.LANCZOS), name, points)
 
 
 def write(path: Path, frames: Iterable[Image.Image], s: Score) -> None:
@@ -70,6 +71,9 @@ def main() -> None:
                 write(sources.folder / f"gallery/{name}.webp", walk(s), s)
                 if "hardcore" in name:
                     write(sources.folder / f"gallery/fall-{name}.webp", fall(s), s)
+        for path in bloopers():
+            s = score(path, path.parent.name, sources.backend)
+            write(sources.folder / f"gallery/blooper-{path.parent.name}.webp", walk(s), s)
 
 
 if __name__ == "__main__":

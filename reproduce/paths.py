@@ -23,8 +23,13 @@ def shown(path: Path) -> str:
 def pretrained(experiment: str) -> list[Path]:
     """Our checkpoints of an experiment, by seed; those at the paper's settings last."""
     found = (ROOT / "pretrained" / experiment).glob("*seed*.safetensors")
-    runs = [path for path in found if seed_of(path.stem) is not None]
+    runs = [path for path in found if seed_of(path.stem) is not None and not is_blooper(path)]
     return sorted(runs, key=lambda path: (at_papers_settings(path), seed_of(path.stem)))
+
+
+def bloopers() -> list[Path]:
+    """Our checkpoints whose bodies have other limits than the paper's."""
+    return sorted((ROOT / "pretrained").glob("*/blooper-seed*.safetensors"))
 
 
 def at_papers_settings(path: Path) -> bool:
@@ -32,15 +37,21 @@ def at_papers_settings(path: Path) -> bool:
     return path.name.startswith("paper-")
 
 
+def is_blooper(path: Path) -> bool:
+    """Whether a checkpoint, or a recording's folder, is of a run with other limits of its body."""
+    return path.name.startswith("blooper-")
+
+
 def seed_of(name: str) -> int | None:
-    """The seed of a published run, "seed3" or "paper-seed3"; None where that is no such name."""
-    found = re.fullmatch(r"(?:paper-)?seed(\d+)", name)
+    """The seed of a published run ("seed3", "paper-seed3", "blooper-seed3"), or None."""
+    found = re.fullmatch(r"(?:paper-|blooper-)?seed(\d+)", name)
     return int(found[1]) if found else None
 
 
 def recordings(experiment: str) -> list[Path]:
-    """The recordings of our runs of an experiment, that with the paper's own settings first."""
-    return sorted((ROOT / "logs" / experiment).glob("*seed*/generations.mcap"))
+    """The recordings of an experiment in Table 3, those at the paper's settings first."""
+    found = (ROOT / "logs" / experiment).glob("*seed*/generations.mcap")
+    return sorted(path for path in found if not is_blooper(path.parent))
 
 
 def unfinished(experiment: str) -> list[Path]:

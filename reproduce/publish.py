@@ -36,7 +36,8 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
 
     Args:
         run: its folder.
-        name: of the files, "seedK" or "paper-seedK" for a run of seed K.
+        name: of the files: for a run of seed K "seedK" or "paper-seedK"; where its body has other
+            limits than the paper's, "blooper-seedK".
         replace: also where another run of that name is published.
 
     Raises:
@@ -48,8 +49,10 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
         raise InputError(f"{run} is of {agent.experiment.name}; the paper's runs are published")
     recorded = read_run(run / "generations.mcap", agent.experiment.name, agent.metadata["seed"])
     published_scores()  # whatever is wrong with it is said before anything is written
-    if name not in (names := [f"{kind}seed{agent.metadata['seed']}" for kind in ("", "paper-")]):
-        raise InputError(f"{run} cannot be {name}; by its seed it is {' or '.join(names)}")
+    kinds = ("blooper-",) if agent.env_kwargs else ("", "paper-")
+    if name not in (names := [f"{kind}seed{agent.metadata['seed']}" for kind in kinds]):
+        why = "seed and its limits" if agent.env_kwargs else "seed"
+        raise InputError(f"{run} cannot be {name}; by its {why} it is {' or '.join(names)}")
     checkpoint = paths.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
     content, log = (run / "best.safetensors").read_bytes(), recording_of(checkpoint).parent
     is_it = checkpoint.exists() and checkpoint.read_bytes() == content

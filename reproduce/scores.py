@@ -69,7 +69,8 @@ class Score:
     def run(self) -> str:
         """How tables call one of our runs, "seed 0" for instance."""
         settings = "the paper's settings, " * paths.at_papers_settings(self.path)
-        return f"{settings}seed {seed_of(self.path.stem)}"
+        limits = "a blooper, " * paths.is_blooper(self.path)
+        return f"{settings}{limits}seed {seed_of(self.path.stem)}"
 
 
 def title(experiment: str) -> str:
@@ -194,7 +195,10 @@ def compare_with_reference(played: list[Score]) -> None:
     """
     tasks = [(i,) for i in range(len(played))]
     workers = ProcessWorkers(min(core_count(), len(played)))
-    agents = [(s.agent.experiment.name, s.agent.network, s.agent.parameters) for s in played]
+    agents = [
+        (s.agent.experiment.name, s.agent.network, s.agent.parameters, s.agent.space)
+        for s in played
+    ]
     with (
         closing(workers),
         tqdm(tasks, "on the reference, too", leave=False, disable=None if tasks else True) as bar,
@@ -212,8 +216,8 @@ def compare_with_reference(played: list[Score]) -> None:
 
 def on_reference(about: tuple) -> np.ndarray:
     """The returns of some episodes of an agent in the reference environment."""
-    experiment, network, parameters = about
-    with Simulator(experiment, "reference", network) as simulator:
+    experiment, network, parameters, space = about
+    with Simulator(experiment, "reference", network, space=space) as simulator:
         seeds = episode_seeds(SEED, EPISODES)[ON_REFERENCE]
         return simulator.rollout(parameters[None], seeds[None]).returns[0]
 

@@ -36,6 +36,7 @@ COMMANDS = {
     "replay a.mcap --video a.mp4": "view",
     "export a.mcap -o a.csv": "view",
     "info a.mcap": "view",
+    "compare a.mcap b.mcap": "view",
 }
 IMPORTS = {
     "import gymnasium; gymnasium.make('designrl/BipedalWalker-v0')": "reference",

@@ -95,7 +95,7 @@ def quick(monkeypatch):
         returns = np.sin(candidates.sum(axis=1)[:, None] * 1000 + seeds)
         return RolloutResult(returns, np.ones(seeds.shape, dtype=np.int64))
 
-    def record(agent, path, seed):
+    def record(agent, path, seed, **_):
         file = McapFile(path)
         file.publish()
         file.close()

@@ -711,6 +711,20 @@ def test_a_run_is_published_under_the_name_of_its_seed(trained, project):
     assert (project / "pretrained" / "biped" / "paper-seed0.safetensors").exists()
 
 
+def test_a_run_with_other_limits_is_a_blooper_and_in_no_table(project, monkeypatch):
+    small = {"generations": 3, "population": 4, "rollouts": 1, "evaluate_every": 2}
+    settings = TrainSettings.of("biped-morphology", design_form="lognormal", **small)
+    TrainingRun(settings, project / "run").run()
+    with pytest.raises(InputError, match="by its seed and its limits it is blooper-seed0"):
+        publish.publish(project / "run", "seed0")
+    monkeypatch.setattr(scores, "evaluate", evaluate)  # and the reference agrees on its limits
+    publish.publish(project / "run", "blooper-seed0")
+    assert not paths.pretrained("biped-morphology") and not paths.recordings("biped-morphology")
+    [path] = paths.bloopers()
+    assert "--design-form lognormal" in path.with_suffix(".md").read_text()
+    assert "biped-morphology/blooper-seed0" in publish.published_scores()
+
+
 def test_an_index_that_names_another_experiment_leaves_what_is_published(published_run, project):
     run, _ = published_run
     index = project / "pretrained/index.json"

@@ -665,8 +665,8 @@ def test_a_state_with_impossible_numbers_is_refused(tensor, value, tmp_path):
 def test_a_few_kills_change_nothing(tmp_path):
     from verify_resume import verify
 
-    done = verify(tmp_path, kills=3, seed=3, backends=("reference",))
-    assert done.total() == 3
+    done = verify(tmp_path, kills=1, seed=3, backends=("reference",))
+    assert done.total() == 1
 
 
 def test_a_dry_run_says_what_the_run_then_takes(tmp_path, capsys, monkeypatch):
