@@ -140,7 +140,7 @@ def _require_suffix(path: str, suffix: str) -> None:
 
 def _experiments(_args) -> None:
     print(f"{'experiment':38} paper  network      design  recipe")
-    shown = ("population", "rollouts", "generations")
+    shown = ("population", "rollouts", "generations", "sigma_decay")
     for e in EXPERIMENTS.values():
         size = e.design.size if e.design else 0
         about = f"{e.name:38} {f'({e.letter})':6} {'-'.join(map(str, e.network.sizes)):13} {size:5}"
@@ -148,7 +148,7 @@ def _experiments(_args) -> None:
         for recipe in ("paper", "ours"):
             settings = TrainSettings.of(e, recipe)
             words = [f"{settings.population} × {settings.rollouts}"]
-            words += [f"{settings.generations:,} generations"]
+            words += [f"{settings.generations:,} generations", f"σ × {settings.sigma_decay}"]
             words += [
                 option(name, value)[2:]
                 for name, value in vars(settings).items()

@@ -13,6 +13,7 @@ from designrl.policy import Agent
 PRETRAINED = Path(__file__).resolve().parent / "pretrained"  # there, if installed from a wheel
 if not PRETRAINED.is_dir():
     PRETRAINED = PRETRAINED.parents[1] / "pretrained"  # in a clone, beside the package
+NAME = re.compile(r"[\w-]+/(paper-|blooper-)?seed\d+")  # of a published run
 
 
 def find(name: str | Path) -> Path:
@@ -38,7 +39,7 @@ def find(name: str | Path) -> Path:
         return path
     if str(path) in EXPERIMENTS:
         raise InputError(f"{path} is an experiment; name an agent of `designrl checkpoints`")
-    if not _is_name(path):
+    if not NAME.fullmatch(str(path)):
         return path
     published = PRETRAINED / f"{path}.safetensors"
     if not published.is_file():
@@ -53,15 +54,11 @@ def find_run(name: str | Path) -> Path:
         InputError: the name of a published run, which an installation does not have.
     """
     published = PRETRAINED.parent / "logs" / name
-    if not _is_name(Path(name)) or Path(name).exists():
+    if not NAME.fullmatch(str(name)) or Path(name).exists():
         return Path(name)
     if not published.is_dir() and (PRETRAINED / f"{name}.safetensors").is_file():
         raise InputError(f"the recordings of {name} are in designrl's repository alone, in logs")
     return published if published.is_dir() else Path(name)
-
-
-def _is_name(path: Path) -> bool:
-    return str(path.parent) in EXPERIMENTS and bool(re.fullmatch(r"(paper-)?seed\d+", path.name))
 
 
 def load(name: str | Path, experiment: str | None = None) -> Agent:

@@ -35,8 +35,10 @@ def open_streams() -> None:
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
         elif number and stream is getattr(sys, f"__{name}__"):  # nobody has put his own there
             stream.flush()
+            file = _Words(stream.fileno(), "w", closefd=False)
+            unbuffered = isinstance(stream.buffer, io.RawIOBase)  # with PYTHONUNBUFFERED
             words = io.TextIOWrapper(
-                io.BufferedWriter(_Words(stream.fileno(), "w", closefd=False)),
+                file if unbuffered else io.BufferedWriter(file),
                 encoding=stream.encoding,
                 errors="replace" if stream.errors in LOUD else stream.errors,
                 line_buffering=stream.line_buffering,
@@ -48,7 +50,8 @@ def open_streams() -> None:
 def unsaid() -> OSError | None:
     """Why words on stdout were dropped, if any were."""
     sys.stdout.flush()
-    return getattr(getattr(getattr(sys.stdout, "buffer", None), "raw", None), "error", None)
+    file = getattr(sys.stdout, "buffer", None)
+    return getattr(getattr(file, "raw", file), "error", None)
 
 
 def heed_signals() -> None:

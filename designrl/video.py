@@ -79,10 +79,7 @@ def record_video(
 def evolution_video(
     run: str | Path, path: str | Path, progress: Callable[[int], None] = lambda count: None
 ) -> None:
-    """Film the means of a run's search distribution, from its first generation to its last.
-
-    The stages divide the way that generations and scores have gone into equal parts. Each is an
-    episode of the same seed, up to STAGE_SECONDS of it.
+    """Write the film that `evolution` gives.
 
     Args:
         run: its folder, or its recording.
@@ -90,9 +87,28 @@ def evolution_video(
         progress: called with 1 after each of the STAGES.
 
     Raises:
-        InputError: as `record_video`, or no run with recorded distributions.
+        InputError: as `record_video` and `evolution`.
     """
     check_target(path)
+    agent, pictures = evolution(run, progress=progress)
+    write_video(path, pictures, agent)
+
+
+def evolution(
+    run: str | Path,
+    seconds: float = STAGE_SECONDS,
+    progress: Callable[[int], None] = lambda count: None,
+) -> tuple[Agent, Iterator[Image.Image]]:
+    """The means of a run's search distribution, from its first generation to its last.
+
+    The stages divide the way that generations and scores have gone into equal parts. Each is an
+    episode of the same seed, up to so many seconds of it.
+
+    Returns: the first stage's agent, and the pictures of all.
+
+    Raises:
+        InputError: no run with recorded distributions.
+    """
     recording = read(run)
     if recording.kind != "run" or not recording.topics.get("/distribution"):
         raise InputError(f"{recording.path} holds no distributions of a run; name a run's folder")
@@ -109,15 +125,15 @@ def evolution_video(
 
     def frames() -> Iterator[Image.Image]:
         for generation, agent in agents:
-            for picture, seconds, score in film(agent, seed=0):
-                if seconds > STAGE_SECONDS:
+            for picture, now, score in film(agent, seed=0):
+                if now > seconds:
                     break
                 about = f"generation {generation}: {score:.1f} points"
                 strip = _strip(picture.shape[1], generations, scores, generation)
                 yield _stack(captioned(picture, title, about), strip)
             progress(1)
 
-    write_video(path, frames(), agents[0][1])
+    return agents[0][1], frames()
 
 
 def film(agent: Agent, seed: int, design=None) -> Iterator[tuple[np.ndarray, float, float]]:

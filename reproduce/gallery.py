@@ -5,7 +5,8 @@
 Writes paper/gallery/EXPERIMENT.webp, a stretch of one typical rollout, and for the walkers on
 hardcore ground fall-EXPERIMENT.webp, the end of the rollout with the lowest score; experiments
 without a checkpoint are skipped. blooper-EXPERIMENT.webp are of runs whose bodies have other limits
-than the paper's. Not part of `make reproduce`: nothing is read from it.
+than the paper's. learning-EXPERIMENT.webp shows body and gait come about, where the recording of
+seed 0 has enough distributions. Not part of `make reproduce`: nothing is read from it.
 """
 
 from collections import deque
@@ -16,9 +17,10 @@ from PIL import Image
 from tqdm import tqdm
 
 from designrl.evaluation import episode_seeds
-from designrl.video import EVERY, captioned, film, write_video
+from designrl.recording import read
+from designrl.video import EVERY, STAGES, captioned, evolution, film, write_video
 from reproduce.drawing import typical_seed
-from reproduce.paths import EIGHT, bloopers, shown
+from reproduce.paths import EIGHT, bloopers, recording_of, shown
 from reproduce.program import program
 from reproduce.scores import EPISODES, SEED, Score, score
 from reproduce.sources import Sources
@@ -26,6 +28,7 @@ from reproduce.tables import mean_and_std
 
 WIDTH = 400  # pixels
 FIRST, LAST = 1.2, 3.6  # s of the rollout
+STAGE = 2.4  # s of each stage of learning
 HELD = 15  # pictures that a fall's last one stays
 
 
@@ -47,17 +50,33 @@ def fall(s: Score) -> Iterator[Image.Image]:
         yield drawn(picture, s, f"{s.returns.min():.0f}, its lowest of {EPISODES}")
 
 
+def learning(recording: Path, path: Path) -> None:
+    """Write how body and gait came about, as `designrl replay RUN --video` does, but small."""
+    agent, pictures = evolution(recording, STAGE)
+    write_video(path, map(small, pictures), agent)
+    said(path)
+
+
+def small(image: Image.Image) -> Image.Image:
+    """An image, WIDTH wide."""
+    size = WIDTH, round(image.height * WIDTH / image.width)
+    return image.resize(size, Image.Resampling.LANCZOS)
+
+
 def drawn(picture, s: Score, points: str) -> Image.Image:
     """A picture, small, with the agent's name and its points."""
-    image = Image.fromarray(picture)
-    size = WIDTH, round(image.height * WIDTH / image.width)
     name = f"{s.agent.experiment.title}, {s.run}"
-    return captioned(image.resize(size, Image.Resampling.LANCZOS), name, points)
+    return captioned(small(Image.fromarray(picture)), name, points)
 
 
 def write(path: Path, frames: Iterable[Image.Image], s: Score) -> None:
     """Write a video, and say so."""
     write_video(path, frames, s.agent)
+    said(path)
+
+
+def said(path: Path) -> None:
+    """Say what was written."""
     tqdm.write(f"{shown(path)}: {path.stat().st_size / 1024:.0f} kB")
 
 
@@ -71,6 +90,9 @@ def main() -> None:
                 write(sources.folder / f"gallery/{name}.webp", walk(s), s)
                 if "hardcore" in name:
                     write(sources.folder / f"gallery/fall-{name}.webp", fall(s), s)
+            log = recording_of(Path(name, "seed0"))
+            if log.exists() and read(log).topics.get("/distribution", 0) >= STAGES:
+                learning(log, sources.folder / f"gallery/learning-{name}.webp")
         for path in bloopers():
             s = score(path, path.parent.name, sources.backend)
             write(sources.folder / f"gallery/blooper-{path.parent.name}.webp", walk(s), s)

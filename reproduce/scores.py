@@ -32,6 +32,7 @@ EPISODES = 100  # as the paper's tables
 SEED = 0
 MISSING = "no checkpoint yet"  # in place of a score
 ON_REFERENCE = slice(0, None, 20)  # of the episodes, those that the reference plays, too
+AT_ONCE = 8  # agents that are played before their scores are compared and kept
 REFERENCE_SECONDS = 600.0  # that these may take; they take a few
 
 
@@ -132,19 +133,26 @@ def score_all(files: list[tuple[Path, str]], backend: str = "engine") -> list[Sc
             found[i] = replace(s, returns=kept(s, backend))
             if found[i].returns is None:
                 missing.append(i)
-    total = len(missing) * EPISODES
-    with tqdm(total=total, unit="episode", leave=False, disable=None if missing else True) as bar:
-        workers = core_count()
-        for i in missing:
-            bar.set_postfix_str(shown(found[i].path))
-            result = evaluate(found[i].agent, EPISODES, SEED, workers, backend, bar.update)
-            found[i] = replace(found[i], returns=result.scores, backend=result.backend)
-            if result.backend != "engine":
-                keep(found[i], backend)  # at once: the reference is slow
-    of_engine = [found[i] for i in missing if found[i].backend == "engine"]
-    compare_with_reference(of_engine)
-    for s in of_engine:
-        keep(s, backend)
+    if not missing:
+        return found
+    with (
+        tqdm(total=len(missing) * EPISODES, unit="episode", leave=False, disable=None) as bar,
+        closing(ProcessWorkers(min(core_count(), len(missing)))) as workers,
+    ):
+        if bar.disable and len(missing) > AT_ONCE:
+            remark(f"playing {EPISODES} episodes of each of {len(missing)} agents, some minutes")
+        for first in range(0, len(missing), AT_ONCE):
+            part = missing[first : first + AT_ONCE]
+            for i in part:
+                bar.set_postfix_str(shown(found[i].path))
+                result = evaluate(found[i].agent, EPISODES, SEED, core_count(), backend, bar.update)
+                found[i] = replace(found[i], returns=result.scores, backend=result.backend)
+                if result.backend != "engine":
+                    keep(found[i], backend)  # at once: the reference is slow
+            of_engine = [found[i] for i in part if found[i].backend == "engine"]
+            compare_with_reference(of_engine, workers)
+            for s in of_engine:
+                keep(s, backend)
     return found
 
 
@@ -187,31 +195,25 @@ def digest(value: list) -> str:
     return hashlib.sha256(json.dumps(value).encode()).hexdigest()
 
 
-def compare_with_reference(played: list[Score]) -> None:
+def compare_with_reference(played: list[Score], workers: ProcessWorkers) -> None:
     """Play some of each checkpoint's episodes on the reference, and compare.
 
     Raises:
         InputError: a return differs.
     """
     tasks = [(i,) for i in range(len(played))]
-    workers = ProcessWorkers(min(core_count(), len(played)))
     agents = [
         (s.agent.experiment.name, s.agent.network, s.agent.parameters, s.agent.space)
         for s in played
     ]
-    with (
-        closing(workers),
-        tqdm(tasks, "on the reference, too", leave=False, disable=None if tasks else True) as bar,
-    ):
-        for i, returns in workers.run(on_reference, agents, tasks, REFERENCE_SECONDS):
-            bar.update()
-            ours = played[i].returns[ON_REFERENCE]
-            for at in np.flatnonzero(ours != returns):
-                raise InputError(
-                    f"{shown(played[i].path)}: episode {range(EPISODES)[ON_REFERENCE][at]} of "
-                    f"evaluation seed {SEED} has {ours[at]!r} on the engine and {returns[at]!r} on "
-                    "the reference; score with BACKEND=reference, and report it"
-                )
+    for i, returns in workers.run(on_reference, agents, tasks, REFERENCE_SECONDS):
+        ours = played[i].returns[ON_REFERENCE]
+        for at in np.flatnonzero(ours != returns):
+            raise InputError(
+                f"{shown(played[i].path)}: episode {range(EPISODES)[ON_REFERENCE][at]} of "
+                f"evaluation seed {SEED} has {ours[at]!r} on the engine and {returns[at]!r} on "
+                "the reference; score with BACKEND=reference, and report it"
+            )
 
 
 def on_reference(about: tuple) -> np.ndarray:

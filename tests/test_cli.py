@@ -47,6 +47,7 @@ def test_experiments_lists_all_eight(capsys):
     assert "paper: 192 × 16, 10,000 generations" in lines[-2]
     ours = TrainSettings.of(list(EXPERIMENTS)[-1], "ours")
     size = f"{ours.population} × {ours.rollouts}, {ours.generations:,} generations"
+    size += f", σ × {ours.sigma_decay}"
     rate = f"learning-rate-decay {ours.learning_rate_decay}"
     floor = f"learning-rate-floor {ours.learning_rate_floor}"
     assert f"ours:  {size}, {rate}, {floor}" in lines[-1]

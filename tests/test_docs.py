@@ -127,8 +127,23 @@ def learning_rate(s: TrainSettings) -> str:
     return f"{falls}, at least {s.learning_rate_floor}"
 
 
+def cell(say, experiments: list, recipe: str) -> str:
+    """What the experiments' settings say; where worlds differ, of each."""
+    worlds = {"ants": "ab", "flat ground": "cde", "hardcore": "fgh"}
+    said = {
+        world: dict.fromkeys(
+            say(TrainSettings.of(e, recipe)) for e in experiments if e.letter in letters
+        )
+        for world, letters in worlds.items()
+    }
+    found = dict.fromkeys("; ".join(values) for values in said.values() if values)
+    if len(found) == 1:
+        return next(iter(found))
+    return "; ".join(f"{world} {'; '.join(values)}" for world, values in said.items())
+
+
 def test_the_recipes_in_the_table_are_those_of_the_experiments():
-    columns = [(EXPERIMENTS.values(), "paper")]
+    columns = [(list(EXPERIMENTS.values()), "paper")]
     for letters in ("ab", "cde", "gh", "f"):
         columns.append(([e for e in EXPERIMENTS.values() if e.letter in letters], "ours"))
     rows = {
@@ -140,10 +155,7 @@ def test_the_recipes_in_the_table_are_those_of_the_experiments():
     }
     page = (ROOT / "pretrained/README.md").read_text()
     for name, say in rows.items():
-        expected = [
-            "; ".join(dict.fromkeys(say(TrainSettings.of(e, recipe)) for e in experiments))
-            for experiments, recipe in columns
-        ]
+        expected = [cell(say, experiments, recipe) for experiments, recipe in columns]
         cells = re.search(rf"^\| {name} \|(.+)\|$", page, re.MULTILINE)[1]
         assert [cell.strip() for cell in cells.split("|")] == expected
 
@@ -156,6 +168,12 @@ def test_readme_says_how_its_pictures_agent_ranks_among_ours():
     means = {name: s["mean"] for name, s in index.items() if name.startswith(f"{said[2]}/seed")}
     assert max(means, key=means.get) == said[1]
     assert ("three", "four", "five").index(said[3]) + 3 == len(means)
+
+
+def test_readme_says_what_the_runs_cost_as_the_report_does():
+    said = re.search(r"The (\d+) runs took (\d+) core-hours", (ROOT / "README.md").read_text())
+    report = (ROOT / "paper/report.md").read_text()
+    assert f"The {said[1]} published runs took {said[2]} core-hours" in report
 
 
 def test_readme_is_finished():
