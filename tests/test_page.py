@@ -321,3 +321,5 @@ def test_the_picture_has_all_its_parts_and_the_page_does_not_scroll_sideways(
     ground = (112, 184, 96) if scheme == "light" else (60, 122, 60)
     assert share(seen, ground) > 2
     assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    tables = "[...document.querySelectorAll('#results .scroll')]"
+    assert opened.evaluate(f"{tables}.every(each => each.scrollWidth <= each.clientWidth)")
