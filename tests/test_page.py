@@ -270,6 +270,34 @@ def test_a_fall_is_seen_and_counted_and_the_next_course_begins(open_page):
     )
 
 
+def test_an_episode_has_the_command_lines_number_and_bad_input_changes_nothing(open_page):
+    opened = open_page()
+    episode, seed = (
+        opened.locator(f"{PLAYGROUND} [data-at={name}]") for name in ("course", "seed")
+    )
+    opened.click(f"{PLAYGROUND} [data-at=worst]")
+    name = opened.input_value(f"{PLAYGROUND} [data-at=agent]")
+    agent = designrl.load(page.ROOT / f"pretrained/{name}.safetensors")
+    assert int(episode.input_value()) == page.agents()[name].returns.argmin()
+    episode.fill("7")
+    episode.press("Enter")
+    scores = designrl.evaluate(agent, 8, page.SEED).scores
+    assert (text(opened, "expected"), seed.input_value()) == (str(scores[7]), str(COURSES[7]))
+    episode.press("ControlOrMeta+A")
+    for wrong in ("-5", "100", "e", "1.5"):
+        episode.press_sequentially(wrong)
+        episode.press("Enter")
+        assert (episode.input_value(), seed.input_value()) == ("7", str(COURSES[7]))
+        episode.press("ControlOrMeta+A")
+    seed.fill("12345")
+    seed.press("Enter")
+    for wrong in ("abc", "-5", ""):
+        seed.fill(wrong)
+        seed.press("Enter")
+        assert seed.input_value() == "12345"
+    assert text(opened, "expected") == "none of this seed"
+
+
 def test_every_agent_can_be_chosen_and_brings_its_body(open_page):
     opened = open_page()
     names = opened.evaluate("designrl.agents")
