@@ -53,7 +53,7 @@ FIGURES = {
     "figure4": "The walker on flat ground, before and after",
     "figure5": "Learning curves on hardcore ground",
     "figure6": "Walkers that were rewarded for smaller legs",
-    "figure7": "Two designs that learn the same task",
+    "figure7": "Further designs: another run of each experiment",
 }
 
 
