@@ -331,9 +331,17 @@ def test_two_ants_run_side_by_side_and_one_shows_how_its_body_came_about(open_pa
     opened.select_option("#history [data-at=run]", "ant-morphology/seed0")
     slider = opened.locator("#history input")
     slider.fill("0")
-    assert "untrained" in opened.inner_text("#history [data-at=policy]")
+    walks, evaluated = (opened.locator(f"#history [data-at={at}]") for at in ("walks", "evaluated"))
+    both = "body and policy of generation"
+    assert walks.inner_text() == f"{both} 0: the recorded distribution, untrained"
+    slider.fill("7900")
+    assert walks.inner_text() == "body of generation 7,900, policy of generation 8,000"
+    assert evaluated.inner_text().startswith("evaluation of generation 7,")
     slider.fill("8000")
-    assert "8,000" in opened.inner_text("#history [data-at=policy]")
+    assert walks.inner_text() == f"{both} 8,000: the recorded distribution"
+    slider.fill("16000")
+    kept = designrl.load(page.ROOT / "pretrained/ant-morphology/seed0.safetensors").metadata
+    assert walks.inner_text() == f"{both} {kept['generation']:,}: the published agent"
 
 
 @pytest.mark.parametrize("width", [400, 1600])

@@ -11,7 +11,7 @@ const START = 10 * STEP; // m
 export function themeColors() {
   const style = getComputedStyle(document.documentElement);
   const names = ["sky", "sky-low", "ground", "soil", "obstacle", "hull", "leg-1", "leg-2", "ray",
-    "outline", "label", "touch", "accent", "tile", "floor", "torso", "middle", "bottom"];
+    "outline", "label", "soft", "touch", "accent", "tile", "floor", "torso", "middle", "bottom"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
