@@ -97,7 +97,8 @@ class Playground {
     this.agent = this.data.agents.get(name);
     this.at("agent").value = name;
     this.design = [...this.agent.design];
-    this.at("mean").textContent = `${this.agent.mean.toFixed(1)} over ${this.data.courses.length}`;
+    this.at("mean").textContent = this.agent.mean.toFixed(1);
+    this.at("count").textContent = String(this.data.courses.length);
     const task = TASKS[this.agent.task];
     this.panel.build(task);
     this.panel.forget();
