@@ -191,7 +191,9 @@ class SideBySide {
       const agent = all.filter(({ experiment }) => experiment === `${ground}${body}`)
         .sort((a, b) => b.mean - a.mean)[0];
       const course = { ...agent, seed: this.data.courses[this.course] };
-      this.at(`name-${i}`).textContent = agent.name;
+      const { courses, experiments } = this.data;
+      this.at(`name-${i}`).textContent = `${label(agent, experiments[agent.experiment])}, ` +
+        `mean over ${courses.length} courses: ${agent.mean.toFixed(1)}`;
       this.stages[i].start(agent.task, agent.policy, agent.design, course);
     });
     const each = (what) => this.stages.map((stage) => stage[what]);
