@@ -328,6 +328,12 @@ def test_two_ants_run_side_by_side_and_one_shows_how_its_body_came_about(open_pa
         "[0, 1].every(i => parseFloat(document.querySelector("
         "`#side-by-side [data-at=score-${i}]`).innerText) > 10)"
     )
+    for i, name in enumerate(("ant", "ant-morphology")):
+        runs = {key: score for key, score in page.agents().items() if key.split("/")[0] == name}
+        best = max(runs, key=lambda key: runs[key].mean)
+        assert opened.inner_text(f"#side-by-side [data-at=name-{i}]").endswith(f"seed {best[-1]}")
+        mean = f"mean over 100 courses: {runs[best].mean:.1f}"
+        assert opened.inner_text(f"#side-by-side [data-at=mean-{i}]") == mean
     opened.select_option("#history [data-at=run]", "ant-morphology/seed0")
     slider = opened.locator("#history input")
     slider.fill("0")

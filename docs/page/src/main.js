@@ -192,7 +192,8 @@ class SideBySide {
         .sort((a, b) => b.mean - a.mean)[0];
       const course = { ...agent, seed: this.data.courses[this.course] };
       const { courses, experiments } = this.data;
-      this.at(`name-${i}`).textContent = `${label(agent, experiments[agent.experiment])}, ` +
+      this.at(`name-${i}`).textContent = label(agent, experiments[agent.experiment]);
+      this.at(`mean-${i}`).textContent =
         `mean over ${courses.length} courses: ${agent.mean.toFixed(1)}`;
       this.stages[i].start(agent.task, agent.policy, agent.design, course);
     });
