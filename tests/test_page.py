@@ -270,6 +270,34 @@ def test_a_fall_is_seen_and_counted_and_the_next_course_begins(open_page):
     )
 
 
+def test_an_episode_has_the_command_lines_number_and_bad_input_changes_nothing(open_page):
+    opened = open_page()
+    episode, seed = (
+        opened.locator(f"{PLAYGROUND} [data-at={name}]") for name in ("course", "seed")
+    )
+    opened.click(f"{PLAYGROUND} [data-at=worst]")
+    name = opened.input_value(f"{PLAYGROUND} [data-at=agent]")
+    agent = designrl.load(page.ROOT / f"pretrained/{name}.safetensors")
+    assert int(episode.input_value()) == page.agents()[name].returns.argmin()
+    episode.fill("7")
+    episode.press("Enter")
+    scores = designrl.evaluate(agent, 8, page.SEED).scores
+    assert (text(opened, "expected"), seed.input_value()) == (str(scores[7]), str(COURSES[7]))
+    episode.press("ControlOrMeta+A")
+    for wrong in ("-5", "100", "e", "1.5"):
+        episode.press_sequentially(wrong)
+        episode.press("Enter")
+        assert (episode.input_value(), seed.input_value()) == ("7", str(COURSES[7]))
+        episode.press("ControlOrMeta+A")
+    seed.fill("12345")
+    seed.press("Enter")
+    for wrong in ("abc", "-5", ""):
+        seed.fill(wrong)
+        seed.press("Enter")
+        assert seed.input_value() == "12345"
+    assert text(opened, "expected") == "none of this seed"
+
+
 def test_every_agent_can_be_chosen_and_brings_its_body(open_page):
     opened = open_page()
     names = opened.evaluate("designrl.agents")
@@ -300,12 +328,26 @@ def test_two_ants_run_side_by_side_and_one_shows_how_its_body_came_about(open_pa
         "[0, 1].every(i => parseFloat(document.querySelector("
         "`#side-by-side [data-at=score-${i}]`).innerText) > 10)"
     )
+    for i, name in enumerate(("ant", "ant-morphology")):
+        runs = {key: score for key, score in page.agents().items() if key.split("/")[0] == name}
+        best = max(runs, key=lambda key: runs[key].mean)
+        assert opened.inner_text(f"#side-by-side [data-at=name-{i}]").endswith(f"seed {best[-1]}")
+        mean = f"mean over 100 courses: {runs[best].mean:.1f}"
+        assert opened.inner_text(f"#side-by-side [data-at=mean-{i}]") == mean
     opened.select_option("#history [data-at=run]", "ant-morphology/seed0")
     slider = opened.locator("#history input")
     slider.fill("0")
-    assert "untrained" in opened.inner_text("#history [data-at=policy]")
+    walks, evaluated = (opened.locator(f"#history [data-at={at}]") for at in ("walks", "evaluated"))
+    both = "body and policy of generation"
+    assert walks.inner_text() == f"{both} 0: the recorded distribution, untrained"
+    slider.fill("7900")
+    assert walks.inner_text() == "body of generation 7,900, policy of generation 8,000"
+    assert evaluated.inner_text().startswith("evaluation of generation 7,")
     slider.fill("8000")
-    assert "8,000" in opened.inner_text("#history [data-at=policy]")
+    assert walks.inner_text() == f"{both} 8,000: the recorded distribution"
+    slider.fill("16000")
+    kept = designrl.load(page.ROOT / "pretrained/ant-morphology/seed0.safetensors").metadata
+    assert walks.inner_text() == f"{both} {kept['generation']:,}: the published agent"
 
 
 @pytest.mark.parametrize("width", [400, 1600])
@@ -321,3 +363,5 @@ def test_the_picture_has_all_its_parts_and_the_page_does_not_scroll_sideways(
     ground = (112, 184, 96) if scheme == "light" else (60, 122, 60)
     assert share(seen, ground) > 2
     assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    tables = "[...document.querySelectorAll('#results .scroll')]"
+    assert opened.evaluate(f"{tables}.every(each => each.scrollWidth <= each.clientWidth)")

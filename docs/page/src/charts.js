@@ -1,19 +1,24 @@
 // Small line charts.
 
+const LABELS = 52; // pixels, for labels on the right
+
 /**
  * @param {HTMLCanvasElement} canvas
  * @param {number[][]} points x, y, each in its range
- * @param {{x: number[], y: number[], color: string, zero?: string, mark?: number}} options
- *   zero: color of a line at 0; mark: x of a vertical line
+ * @param {{x: number[], y: number[], color: string, zero?: string, mark?: number,
+ *   labels?: string}} options
+ *   zero: color of a line at 0; mark: x of a vertical line; labels: color of the lowest y, the
+ *   highest and 0, written on the right
  */
-export function drawLine(canvas, points, { x, y, color, zero, mark }) {
+export function drawLine(canvas, points, { x, y, color, zero, mark, labels }) {
   const ratio = Math.min(devicePixelRatio || 1, 2.5);
-  const { clientWidth: width, clientHeight: height } = canvas;
-  Object.assign(canvas, { width: width * ratio, height: height * ratio });
+  const { clientWidth, clientHeight: height } = canvas, width = clientWidth - (labels ? LABELS : 0);
+  Object.assign(canvas, { width: clientWidth * ratio, height: height * ratio });
   const context = canvas.getContext("2d");
   context.scale(ratio, ratio);
   const toX = (value) => ((value - x[0]) / (x[1] - x[0])) * width;
-  const toY = (value) => height - 3 - ((value - y[0]) / (y[1] - y[0])) * (height - 6);
+  const margin = labels ? 7 : 3;
+  const toY = (value) => height - margin - ((value - y[0]) / (y[1] - y[0])) * (height - 2 * margin);
   const line = (from, to, style, wide) => {
     context.strokeStyle = style;
     context.lineWidth = wide;
@@ -30,4 +35,16 @@ export function drawLine(canvas, points, { x, y, color, zero, mark }) {
   context.beginPath();
   points.forEach(([px, py], i) => context[i ? "lineTo" : "moveTo"](toX(px), toY(py)));
   context.stroke();
+  if (!labels) return;
+  context.fillStyle = labels;
+  context.font = "12px system-ui, sans-serif";
+  context.textBaseline = "middle";
+  let free = height + 7; // for the next label, from below
+  const values = points.map(([, value]) => value);
+  const ends = [Math.min(...values), 0, Math.max(...values)].sort((a, b) => a - b);
+  for (const value of new Set(ends)) {
+    free = Math.min(toY(value), free - 13);
+    const text = Math.round(value).toLocaleString("en").replace("-", "−");
+    context.fillText(text, width + 6, free);
+  }
 }

@@ -1,7 +1,6 @@
 // How it came about: a slider over the generations of a run.
 
 import { drawLine } from "./charts.js";
-import { TASKS } from "./engine.js";
 import { Clock, Stage } from "./stage.js";
 
 /** The last of some rows whose generation is not after this one. */
@@ -38,6 +37,10 @@ export class History {
     }
     select.value = [...select.options].find((option) => option.value.includes("hardcore"))?.value
       ?? select.value;
+    const [experiment, seed] = select.value.split("/");
+    if (seed !== "seed0" && data.runs[`${experiment}/seed0`])
+      this.at("why").textContent = `It begins with ${seed.replace("seed", "seed ")}: the recording ` +
+        "of seed 0 does not have the bodies of its first generations. ";
     select.addEventListener("change", () => this.choose(select.value));
     this.at("generation").addEventListener("input", () => this.show());
     this.at("play").addEventListener("click", () => this.play());
@@ -59,6 +62,8 @@ export class History {
   }
 
   get generation() { return Number(this.at("generation").value); }
+  /** The generation whose body walks; after the best one, that of the published agent. */
+  get bodys() { return Math.min(this.generation, this.run.kept); }
   get design() {
     return this.generation >= this.run.kept ? this.agent.design
       : between(this.run.bodies, this.generation);
@@ -85,26 +90,31 @@ export class History {
   }
 
   show() {
-    const { generation, policy, run } = this;
+    const { generation, policy, run, bodys } = this;
+    const number = (value) => value.toLocaleString("en");
     if (policy !== this.walking) this.begin();
     else this.stage.changeBody(this.design);
-    this.at("number").textContent = generation.toLocaleString("en");
     const score = latest(run.scores, generation);
     this.at("evaluated").textContent = generation < run.scores[0].generation ? "not evaluated yet"
-      : `evaluated at ${score.mean.toFixed(0)} points`;
-    const which = policy.generation === 0 ? "untrained"
-      : `of generation ${policy.generation.toLocaleString("en")}`;
-    this.at("policy").textContent = `the policy is ${which}`;
+      : `evaluation of generation ${number(score.generation)}: ` +
+        `${score.mean.toFixed(0).replace("-", "−")} points`;
+    const untrained = policy.generation ? "" : ", untrained";
+    const recorded = bodys === run.kept ? "the published agent" : "the recorded distribution";
+    this.at("walks").innerHTML = policy.generation === bodys
+      ? `body and policy of generation <b>${number(bodys)}</b>: ${recorded}${untrained}`
+      : `body of generation <b>${number(bodys)}</b>, ` +
+        `policy of generation <b>${number(policy.generation)}</b>${untrained}`;
     this.drawCurve();
     this.stage.draw();
   }
 
   drawCurve() {
     if (!this.run) return;
-    const { scores, generations } = this.run;
+    const { scores, generations } = this.run, means = scores.map(({ mean }) => mean);
+    const { accent, label, soft } = this.stage.colors;
     drawLine(this.at("curve"), scores.map((row) => [row.generation, row.mean]), {
-      x: [0, generations], y: TASKS[this.agent.task].scores, color: this.stage.colors.accent,
-      zero: this.stage.colors.label, mark: this.generation,
+      x: [0, generations], y: [Math.min(0, ...means), Math.max(0, ...means)], color: accent,
+      zero: label, mark: this.generation, labels: soft,
     });
   }
 }

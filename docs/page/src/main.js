@@ -16,7 +16,7 @@ const same = (a, b) => a.every((value, i) => value === b[i]);
 class Playground {
   constructor(engine, element, data) {
     this.data = data;
-    this.course = 0; // of the evaluation, from 0
+    this.course = 0; // of the evaluation, from 0, as designrl evaluate counts its episodes
     this.at = (name) => element.querySelector(`[data-at="${name}"]`);
     this.panel = new Panel(element);
     this.stage = new Stage(engine, this.at("canvas"), {
@@ -65,13 +65,13 @@ class Playground {
     on("speed", "change", () => (this.clock.speed = Number(this.at("speed").value)));
     on("lidar", "change", () => this.go(0));
     on("course", "change", () => {
-      const { courses } = this.data;
-      const wanted = Math.round(Number(this.at("course").value)) || 1;
-      this.goTo(Math.min(courses.length, Math.max(1, wanted)) - 1);
+      const typed = this.at("course").value.trim();
+      if (/^\d+$/.test(typed) && Number(typed) < this.data.courses.length) this.goTo(Number(typed));
+      else this.showPlace();
     });
     on("seed", "change", () => {
       const typed = this.at("seed").value.trim();
-      if (!/^\d{1,18}$/.test(typed)) return this.goTo(this.course);
+      if (!/^\d{1,18}$/.test(typed)) return this.showPlace();
       const known = this.data.courses.indexOf(Number(typed));
       if (known >= 0) this.goTo(known);
       else this.begin(BigInt(typed));
@@ -97,7 +97,8 @@ class Playground {
     this.agent = this.data.agents.get(name);
     this.at("agent").value = name;
     this.design = [...this.agent.design];
-    this.at("mean").textContent = `${this.agent.mean.toFixed(1)} over ${this.data.courses.length}`;
+    this.at("mean").textContent = this.agent.mean.toFixed(1);
+    this.at("count").textContent = String(this.data.courses.length);
     const task = TASKS[this.agent.task];
     this.panel.build(task);
     this.panel.forget();
@@ -118,14 +119,18 @@ class Playground {
   begin(seed) {
     this.seed = seed;
     this.touched = false; // the body, within the course
-    this.at("course").value = String(this.course + 1);
-    this.at("seed").value = String(seed);
+    this.showPlace();
     this.at("end").textContent = "";
     this.at("frame").dataset.end = "";
     this.panel.start();
     const course = { ...this.agent, seed, lidar: this.at("lidar").value };
     this.stage.start(this.agent.task, this.agent.policy, this.design, course);
     this.sliders.show(this.design, this.agent.design);
+  }
+
+  showPlace() {
+    this.at("course").value = String(this.course);
+    this.at("seed").value = String(this.seed);
   }
 
   changeBody(design) {
@@ -186,13 +191,16 @@ class SideBySide {
       const agent = all.filter(({ experiment }) => experiment === `${ground}${body}`)
         .sort((a, b) => b.mean - a.mean)[0];
       const course = { ...agent, seed: this.data.courses[this.course] };
-      this.at(`name-${i}`).textContent = agent.name;
+      const { courses, experiments } = this.data;
+      this.at(`name-${i}`).textContent = label(agent, experiments[agent.experiment]);
+      this.at(`mean-${i}`).textContent =
+        `mean over ${courses.length} courses: ${agent.mean.toFixed(1)}`;
       this.stages[i].start(agent.task, agent.policy, agent.design, course);
     });
     const each = (what) => this.stages.map((stage) => stage[what]);
     this.stages[0].look.match(each("player"), each("camera"));
     for (const stage of this.stages) stage.draw();
-    this.at("course").textContent = String(this.course + 1);
+    this.at("course").textContent = String(this.course);
   }
 
   drawn(i, { player, look }) {

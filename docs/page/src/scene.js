@@ -11,7 +11,7 @@ const START = 10 * STEP; // m
 export function themeColors() {
   const style = getComputedStyle(document.documentElement);
   const names = ["sky", "sky-low", "ground", "soil", "obstacle", "hull", "leg-1", "leg-2", "ray",
-    "outline", "label", "touch", "accent", "tile", "floor", "torso", "middle", "bottom"];
+    "outline", "label", "mark", "soft", "touch", "accent", "tile", "floor", "torso", "middle", "bottom"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
@@ -114,13 +114,17 @@ function drawGround(context, camera, player, colors) {
 
 function drawMarks(context, camera, player, colors) {
   const right = camera.left + camera.width / camera.pixels;
-  context.fillStyle = colors.label;
-  context.font = "11px system-ui, sans-serif";
+  context.fillStyle = colors.mark;
+  context.strokeStyle = colors.ground; // around the letters
+  context.lineWidth = 3;
+  context.lineJoin = "round";
+  context.font = "600 13px system-ui, sans-serif";
   context.textAlign = "center";
   for (let x = 10 * Math.ceil(camera.left / 10); x < right; x += 10) {
     if (x < START || x > FINISH) continue;
     const [px] = camera.toPixels([x, 0]);
-    context.fillRect(px, camera.height - 22, 1, 6);
+    context.fillRect(px - 1, camera.height - 25, 2, 7);
+    context.strokeText(`${x} m`, px, camera.height - 6);
     context.fillText(`${x} m`, px, camera.height - 6);
   }
   for (const x of [START, FINISH]) {
