@@ -267,7 +267,7 @@ def figures() -> str:
 
 def films() -> list[str]:
     """Names of the films."""
-    names = [*EIGHT, *(f"fall-{name}" for name in EIGHT)]
+    names = [*EIGHT, *(f"{kind}-{name}" for kind in ("fall", "blooper") for name in EIGHT)]
     return [name for name in names if (ROOT / f"paper/gallery/{name}.webp").is_file()]
 
 
@@ -275,8 +275,10 @@ def film_figures() -> str:
     """The films with their names."""
 
     def title(name: str) -> str:
-        fall = name.removeprefix("fall-")
-        return EIGHT[name].title if name in EIGHT else f"{EIGHT[fall].title}: a fall"
+        if name in EIGHT:
+            return EIGHT[name].title
+        kind, _, experiment = name.partition("-")
+        return f"{EIGHT[experiment].title}: a {kind}"
 
     return "".join(
         f'<figure><img loading="lazy" src="../../paper/gallery/{name}.webp" alt="{title(name)}">'

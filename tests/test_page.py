@@ -146,12 +146,16 @@ def sliders_in_view(opened) -> list:
     return opened.query_selector_all(f"{PLAYGROUND} fieldset:not([hidden]) input")
 
 
-def wait_for_end(opened) -> str:
-    """How the course ends, at sixteen times the speed."""
+def wait_for_end(opened) -> dict:
+    """How the course ends, at sixteen times the speed: then, and what is shown at that moment."""
     opened.select_option(f"{PLAYGROUND} [data-at=speed]", "16")
-    end = f"document.querySelector('{PLAYGROUND} [data-at=frame]').dataset.end"
-    opened.wait_for_function(end, timeout=1_800_000)
-    return opened.evaluate(end)
+    ended = f"""() => {{
+      const at = (name) => document.querySelector(`{PLAYGROUND} [data-at=${{name}}]`);
+      const found = {{ how: at("frame").dataset.end, state: at("truth").dataset.state }};
+      for (const name of ["end", "tally", "expected", "here"]) found[name] = at(name).innerText;
+      return found.how && found;
+    }}"""
+    return opened.wait_for_function(ended, timeout=1_800_000).json_value()
 
 
 def picture(opened) -> np.ndarray:
@@ -169,9 +173,9 @@ def test_an_untouched_course_ends_with_evaluates_score(open_page, agent):
     opened = open_page()
     if agent:
         opened.select_option(f"{PLAYGROUND} [data-at=agent]", agent)
-    assert wait_for_end(opened) == "done"
-    assert opened.get_attribute(f"{PLAYGROUND} [data-at=truth]", "data-state") == "same"
-    assert text(opened, "expected") == text(opened, "here")
+    ended = wait_for_end(opened)
+    assert (ended["how"], ended["state"]) == ("done", "same")
+    assert ended["expected"] == ended["here"]
 
 
 def test_a_slider_changes_the_body_at_once_and_the_course_goes_on(open_page):
@@ -262,9 +266,9 @@ def test_a_fall_is_seen_and_counted_and_the_next_course_begins(open_page):
     opened.select_option(f"{PLAYGROUND} [data-at=agent]", "biped-hardcore/seed0")
     opened.click(f"{PLAYGROUND} [data-at=worst]")
     course = opened.input_value(f"{PLAYGROUND} [data-at=course]")
-    assert wait_for_end(opened) == "fell"
-    assert "it fell" in text(opened, "end") and text(opened, "tally") == "1 fall in 1 course"
-    assert opened.get_attribute(f"{PLAYGROUND} [data-at=truth]", "data-state") == "same"
+    ended = wait_for_end(opened)
+    assert (ended["how"], ended["state"]) == ("fell", "same")
+    assert "it fell" in ended["end"] and ended["tally"] == "1 fall in 1 course"
     opened.wait_for_function(
         f"document.querySelector('{PLAYGROUND} [data-at=course]').value != {course}"
     )
