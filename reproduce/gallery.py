@@ -28,7 +28,7 @@ from reproduce.tables import mean_and_std
 
 WIDTH = 400  # pixels
 FIRST, LAST = 1.2, 3.6  # s of the rollout
-STAGE = 2.4  # s of each stage of learning
+STAGE = 1.8  # s of each stage of learning
 HELD = 15  # pictures that a fall's last one stays
 
 
