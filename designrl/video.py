@@ -90,13 +90,13 @@ def evolution_video(
         InputError: as `record_video` and `evolution`.
     """
     check_target(path)
-    agent, pictures = evolution(run, progress=progress)
+    agent, pictures = evolution(run, STAGE_SECONDS, progress)
     write_video(path, pictures, agent)
 
 
 def evolution(
     run: str | Path,
-    seconds: float = STAGE_SECONDS,
+    seconds: float,
     progress: Callable[[int], None] = lambda count: None,
 ) -> tuple[Agent, Iterator[Image.Image]]:
     """The means of a run's search distribution, from its first generation to its last.

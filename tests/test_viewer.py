@@ -52,6 +52,7 @@ def stock_picture(recording: Path, folder: Path) -> np.ndarray:
     target = folder / f"{recording.stem}.png"
     target.unlink(missing_ok=True)
     options = "--headless", "--screenshot-to", target, "--window-size", "1280x800"
+    options += "--port", "auto"  # beside other tests
     output = rerun(recording, *options).stdout
     if not target.exists() and re.search(NO_DRIVER_MESSAGE, output):
         pytest.skip(NO_DRIVER)
