@@ -64,7 +64,7 @@ def test_runs_are_trained_side_by_side_published_and_verified(project, capsys):
 
 
 def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
-    run, whole = planned(generations=60), project / "whole"
+    run, whole = planned(generations=40), project / "whole"
     command = [sys.executable, "-m", *run.settings.command().split(), "--out"]
     subprocess.run([*command, whole], check=True, stderr=subprocess.DEVNULL)
     process = subprocess.Popen([*command, project / "runs/biped/seed0"], stderr=subprocess.DEVNULL)
