@@ -53,12 +53,12 @@ def find_run(name: str | Path) -> Path:
     Raises:
         InputError: the name of a published run, which an installation does not have.
     """
-    published = PRETRAINED.parent / "logs" / name
-    if not NAME.fullmatch(str(name)) or Path(name).exists():
-        return Path(name)
-    if not published.is_dir() and (PRETRAINED / f"{name}.safetensors").is_file():
+    path, published = Path(name), PRETRAINED.parent / "logs" / name
+    if not NAME.fullmatch(str(path)) or path.exists():
+        return path
+    if not published.is_dir() and (PRETRAINED / f"{path}.safetensors").is_file():
         raise InputError(f"the recordings of {name} are in designrl's repository alone, in logs")
-    return published if published.is_dir() else Path(name)
+    return published if published.is_dir() else path
 
 
 def load(name: str | Path, experiment: str | None = None) -> Agent:

@@ -308,6 +308,7 @@ def test_things_say_what_they_are(tmp_path):
         r"<Evaluation of biped: 34\d\.\d ± \d\.\d over 2 episodes, seed 0, on the \w+>", said
     )
     recording = read("biped/seed0")
+    assert read("biped/seed0/").path == recording.path
     assert repr(recording) == f"<Recording of a training run of biped, {recording.path}>"
 
 
