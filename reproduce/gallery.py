@@ -17,12 +17,13 @@ from PIL import Image
 from tqdm import tqdm
 
 from designrl.evaluation import episode_seeds
+from designrl.policy import Agent
 from designrl.recording import read
 from designrl.video import EVERY, STAGES, captioned, evolution, film, write_video
 from reproduce.drawing import typical_seed
 from reproduce.paths import EIGHT, bloopers, recording_of, shown
 from reproduce.program import program
-from reproduce.scores import EPISODES, SEED, Score, score
+from reproduce.scores import EPISODES, SEED, Score
 from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
 
@@ -50,13 +51,6 @@ def fall(s: Score) -> Iterator[Image.Image]:
         yield drawn(picture, s, f"{s.returns.min():.0f}, its lowest of {EPISODES}")
 
 
-def learning(recording: Path, path: Path) -> None:
-    """Write how body and gait came about, as `designrl replay RUN --video` does, but small."""
-    agent, pictures = evolution(recording, STAGE)
-    write_video(path, map(small, pictures), agent)
-    said(path)
-
-
 def small(image: Image.Image) -> Image.Image:
     """An image, WIDTH wide."""
     size = WIDTH, round(image.height * WIDTH / image.width)
@@ -69,14 +63,9 @@ def drawn(picture, s: Score, points: str) -> Image.Image:
     return captioned(small(Image.fromarray(picture)), name, points)
 
 
-def write(path: Path, frames: Iterable[Image.Image], s: Score) -> None:
+def write(path: Path, frames: Iterable[Image.Image], agent: Agent) -> None:
     """Write a video, and say so."""
-    write_video(path, frames, s.agent)
-    said(path)
-
-
-def said(path: Path) -> None:
-    """Say what was written."""
+    write_video(path, frames, agent)
     tqdm.write(f"{shown(path)}: {path.stat().st_size / 1024:.0f} kB")
 
 
@@ -87,15 +76,17 @@ def main() -> None:
         for name in bar:
             bar.set_postfix_str(name)
             if s := sources.representative(name):
-                write(sources.folder / f"gallery/{name}.webp", walk(s), s)
+                write(sources.folder / f"gallery/{name}.webp", walk(s), s.agent)
                 if "hardcore" in name:
-                    write(sources.folder / f"gallery/fall-{name}.webp", fall(s), s)
+                    write(sources.folder / f"gallery/fall-{name}.webp", fall(s), s.agent)
             log = recording_of(Path(name, "seed0"))
             if log.exists() and read(log).topics.get("/distribution", 0) >= STAGES:
-                learning(log, sources.folder / f"gallery/learning-{name}.webp")
+                agent, pictures = evolution(log, STAGE)
+                path = sources.folder / f"gallery/learning-{name}.webp"
+                write(path, map(small, pictures), agent)
         for path in bloopers():
-            s = score(path, path.parent.name, sources.backend)
-            write(sources.folder / f"gallery/blooper-{path.parent.name}.webp", walk(s), s)
+            s = sources.score(path, path.parent.name)
+            write(sources.folder / f"gallery/blooper-{path.parent.name}.webp", walk(s), s.agent)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from designrl.recording import read
 from reproduce import scores
 from reproduce.paths import EIGHT, ROOT, pretrained, recording_of, recordings
 from reproduce.program import program
+from reproduce.readme import ANSWERS, ANSWERS_END, END, START
 from reproduce.scores import EPISODES, SEED, Score
 
 SOURCE, TARGET = ROOT / "docs/page/src", ROOT / "docs/page/index.html"
@@ -231,11 +232,17 @@ def readme() -> str:
     return (ROOT / "README.md").read_text()
 
 
+def between(start: str, end: str) -> str:
+    """What stands between two marks of README; nothing where it has none."""
+    found = re.search(f"{start}(.*?){end}", readme(), re.S)
+    return found[1] if found else ""
+
+
 def answers() -> str:
-    """What README answers, as it stands between its marks; nothing where it has none."""
-    found = re.search("<!-- answers -->(.*?)<!-- /answers -->", readme(), re.S)
-    text = re.sub(r"\]\((?!https?:|#)", "](../../", found[1]) if found else ""
-    return markdown.markdown(text)
+    """What README answers."""
+    return markdown.markdown(
+        re.sub(r"\]\((?!https?:|#)", "](../../", between(ANSWERS, ANSWERS_END))
+    )
 
 
 def install() -> str:
@@ -246,8 +253,7 @@ def install() -> str:
 
 def table3() -> str:
     """README's Table 3, whose verdicts are short. Cells name their column, for narrow screens."""
-    found = re.search("<!-- table3 -->(.*?)<!-- /table3 -->", readme(), re.S)
-    table = markdown.markdown(found[1] if found else "", extensions=["tables"])
+    table = markdown.markdown(between(START, END), extensions=["tables"])
     columns = re.findall("<th>(.*?)</th>", table)
     names = iter(columns * table.count("<tr>"))
     table = re.sub("<td>", lambda _: f'<td data-column="{next(names)}">', table)

@@ -135,9 +135,10 @@ def score_all(files: list[tuple[Path, str]], backend: str = "engine") -> list[Sc
                 missing.append(i)
     if not missing:
         return found
+    cores = core_count()
     with (
         tqdm(total=len(missing) * EPISODES, unit="episode", leave=False, disable=None) as bar,
-        closing(ProcessWorkers(min(core_count(), len(missing)))) as workers,
+        closing(ProcessWorkers(min(cores, len(missing)))) as workers,
     ):
         if bar.disable and len(missing) > AT_ONCE:
             remark(f"playing {EPISODES} episodes of each of {len(missing)} agents, some minutes")
@@ -145,7 +146,7 @@ def score_all(files: list[tuple[Path, str]], backend: str = "engine") -> list[Sc
             part = missing[first : first + AT_ONCE]
             for i in part:
                 bar.set_postfix_str(shown(found[i].path))
-                result = evaluate(found[i].agent, EPISODES, SEED, core_count(), backend, bar.update)
+                result = evaluate(found[i].agent, EPISODES, SEED, cores, backend, bar.update)
                 found[i] = replace(found[i], returns=result.scores, backend=result.backend)
                 if result.backend != "engine":
                     keep(found[i], backend)  # at once: the reference is slow

@@ -1,6 +1,9 @@
 // Small line charts.
 
-const LABELS = 52; // pixels, for labels on the right
+const LABELS = 52; // pixels, for labels on the right; the slider of style.css leaves them, too
+
+/** A number with so many digits after the point, and a minus sign that is one. */
+export const fixed = (value, digits) => value.toFixed(digits).replace("-", "−");
 
 /**
  * @param {HTMLCanvasElement} canvas

@@ -1,6 +1,6 @@
 // How it came about: a slider over the generations of a run.
 
-import { drawLine } from "./charts.js";
+import { drawLine, fixed } from "./charts.js";
 import { Clock, Stage } from "./stage.js";
 
 /** The last of some rows whose generation is not after this one. */
@@ -97,7 +97,7 @@ export class History {
     const score = latest(run.scores, generation);
     this.at("evaluated").textContent = generation < run.scores[0].generation ? "not evaluated yet"
       : `evaluation of generation ${number(score.generation)}: ` +
-        `${score.mean.toFixed(0).replace("-", "−")} points`;
+        `${fixed(score.mean, 0)} points`;
     const untrained = policy.generation ? "" : ", untrained";
     const recorded = bodys === run.kept ? "the published agent" : "the recorded distribution";
     this.at("walks").innerHTML = policy.generation === bodys

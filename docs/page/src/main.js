@@ -1,6 +1,7 @@
 // The page: a walker or an ant to play with, two bodies side by side, and how a body came about.
 
 import { engineBytes, readData } from "./agents.js";
+import { fixed } from "./charts.js";
 import { Dragging, Sliders } from "./editor.js";
 import { TASKS, originalOf, startEngine } from "./engine.js";
 import { History } from "./history.js";
@@ -205,7 +206,7 @@ class SideBySide {
 
   drawn(i, { player, look }) {
     const end = !player.ended ? "" : player.fell ? ", fell" : ", at the end";
-    const points = player.score.toFixed(0).replace("-", "−");
+    const points = fixed(player.score, 0);
     const seconds = player.steps / player.task.stepsPerSecond;
     this.at(`score-${i}`).textContent =
       `${points} points, ${look.metres(player).toFixed(1)} m in ${seconds.toFixed(1)} s${end}`;

@@ -1,6 +1,6 @@
 // Beside the picture: score, the rewards that it is made of, the torque, and evaluate's score.
 
-import { drawLine } from "./charts.js";
+import { drawLine, fixed } from "./charts.js";
 
 const CHART_SECONDS = 12;
 const EVERY = 5; // steps between points of the score's curve, and pictures of the charts
@@ -48,7 +48,7 @@ export class Panel {
   /** expected: evaluate's score on this course, or why there is none to compare with. */
   draw(player, expected, colors) {
     const { stepsPerSecond, scores } = this.task, seconds = player.steps / stepsPerSecond;
-    this.at("score").textContent = player.score.toFixed(1).replace("-", "−");
+    this.at("score").textContent = fixed(player.score, 1);
     this.at("time").textContent = `${seconds.toFixed(1)} s`;
     this.at("tally").textContent =
       `${this.falls} ${this.falls === 1 ? "fall" : "falls"} in ${this.courses} ` +
@@ -59,7 +59,7 @@ export class Panel {
       bar.style.width = `${50 * share}%`;
       bar.style.left = sum < 0 ? `${50 - 50 * share}%` : "50%";
       bar.className = sum < 0 ? "less" : "more";
-      this.values[i].textContent = Math.abs(sum) < 0.05 ? "0" : sum.toFixed(1).replace("-", "−");
+      this.values[i].textContent = Math.abs(sum) < 0.05 ? "0" : fixed(sum, 1);
     });
     const mean = player.steps ? this.spent / player.steps : 0;
     this.at("torque").textContent = `${Math.round(100 * mean)} % of the motors’ full`;
