@@ -15,9 +15,9 @@
 #   make test                        the test suite; make test-floors: on the oldest libraries that
 #                                    pyproject.toml allows; make test-wheel: a wheel in an environment
 #                                    without compiler (WHEEL_PYTHON=python3.13: of another Python)
-#   make verify-engine               4,000 episodes in the engine and in Box2D or PyBullet, and 1.3
+#   make verify-engine               4,000 episodes in the engine and in Box2D or PyBullet, and 1.6
 #                                    million steps of vector environments; make sanitize-engine:
-#                                    its tests, 300 episodes and 5,000 steps in a build that
+#                                    its tests, 400 episodes and 8,000 steps in a build that
 #                                    watches memory and undefined behaviour
 #   make verify-resume              kill training runs a hundred times; make fuzz: 100,000 bad files
 #   make types                       mypy on the modules that others import

@@ -19,7 +19,7 @@ from designrl.policy import Agent
 from designrl.provenance import versions
 
 RUNS = 10
-# As many numbers as an agent of `ant` with the paper's network; the published ants have another.
+# As many numbers as an agent of `ant` with the paper's network; the author's ants have another.
 BULLET_ANT = (
     "has the size of estool's bullet_ant, an agent of PyBullet's AntBulletEnv-v0; that is another "
     "world than the paper's ant has, and scores here say nothing of such an agent"

@@ -83,54 +83,31 @@ def _say_file(path: str | Path) -> None:
     remark(f"from {Path(path).absolute()}, sha256 {file_hash(path)}")
 
 
+def _named_numbers(sub, flag: str, example: str, help: str) -> None:  # noqa: A002
+    """An option that takes several texts as the example; None where it is not given."""
+
+    class Collect(argparse.Action):
+        def __call__(self, _parser, args, texts, _flag=None):
+            named = getattr(args, self.dest) or {}
+            for text in texts:
+                name, _, number = text.rpartition("=")
+                try:
+                    named[name.strip()] = float(number)
+                except ValueError:
+                    raise InputError(f"{flag} {text!r} is none; write it as {example!r}") from None
+            setattr(args, self.dest, named)
+
+    help += f", as {example!r}; several are allowed"
+    sub.add_argument(flag, nargs="+", action=Collect, metavar="NAME=X", help=help)
+
+
 def _design(sub) -> None:
-    _named_numbers(
-        sub,
-        "--design",
-        "NAME=SCALE",
-        "change the agent's body, in scales of the original size: "
-        '"bottom leg 2 height=0.6"; several are allowed',
-    )
-
-
-def _design_of(args) -> dict[str, float] | None:
-    """What --design says, for `Agent.body_with`."""
-    return _numbers(
-        args.design, '--design {} is no dimension and its scale; as "bottom leg 2 height=0.6"'
-    )
+    about = "change the agent's body, in scales of the original size"
+    _named_numbers(sub, "--design", "bottom leg 2 height=0.6", about)
 
 
 def _reward_weights(sub) -> None:
-    _named_numbers(
-        sub,
-        "--reward-weight",
-        "TERM=X",
-        "multiply a term of the reward: energy=2.0; several are allowed (default: 1 each)",
-    )
-
-
-def _weights_of(args) -> dict[str, float] | None:
-    """What --reward-weight says."""
-    return _numbers(
-        args.reward_weight, "--reward-weight {} is no term and its weight, as energy=2.0"
-    )
-
-
-def _named_numbers(sub, flag: str, metavar: str, help: str) -> None:  # noqa: A002
-    """An option for `_numbers`."""
-    sub.add_argument(flag, nargs="+", action="extend", default=[], metavar=metavar, help=help)
-
-
-def _numbers(texts: list[str], wrong: str) -> dict[str, float] | None:
-    """Texts like "energy=2.0" as a dict; None where there are none."""
-    named = {}
-    for text in texts:
-        name, _, number = text.rpartition("=")
-        try:
-            named[name.strip()] = float(number)
-        except ValueError:
-            raise InputError(wrong.format(repr(text))) from None
-    return named or None
+    _named_numbers(sub, "--reward-weight", "energy=2.0", "multiply a term of the reward")
 
 
 def _require_suffix(path: str, suffix: str) -> None:
@@ -170,7 +147,7 @@ def _add_experiments(commands) -> None:
 def settings_of(args) -> TrainSettings:
     """The settings that the arguments of `designrl train` mean."""
     names = [f.name for f in dataclasses.fields(TrainSettings) if f.name != "experiment"]
-    args.reward_weights = _weights_of(args)
+    args.reward_weights = args.reward_weight
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return TrainSettings.of(args.experiment, args.recipe, **given)
 
@@ -279,7 +256,7 @@ def _evaluate(args) -> None:
         check_target(args.output)
     if args.worst is not None:
         whole_number("--worst", args.worst, 1)
-    agent, design, weights = _load(args), _design_of(args), _weights_of(args)
+    agent, design, weights = _load(args), args.design, args.reward_weight
     changes = {"lidar": args.lidar} if args.lidar else {}
     if weights:
         changes["reward_weights"] = weights
@@ -357,13 +334,12 @@ def _add_import(commands) -> None:
 
 
 def _record(args) -> None:
-    from designrl.evaluation import check_episodes, episode_seeds, evaluate
+    from designrl.evaluation import episode_seeds, evaluate
 
     if not (args.output or args.video):
         raise InputError("name what to write: -o FILE.mcap, --video FILE.mp4, or both")
-    if not 0 <= args.episode < MAX_EPISODES:
-        raise InputError(f"--episode counts from 0 to {MAX_EPISODES - 1:,}, got {args.episode}")
-    check_episodes(args.episode + 1, args.seed)
+    whole_number("--episode", args.episode, 0, MAX_EPISODES - 1)
+    whole_number("--seed", args.seed, 0)
     if args.output:
         require_new(args.output)
         _require_suffix(args.output, ".mcap")
@@ -371,7 +347,7 @@ def _record(args) -> None:
         from designrl.video import check_target, record_video
 
         check_target(args.video)
-    agent, design = _load(args), _design_of(args)
+    agent, design = _load(args), args.design
     if args.worst:
         result = evaluate(agent, seed=args.seed, workers=core_count(), design=design)
         args.episode = int(result.scores.argmin())
@@ -475,18 +451,19 @@ def _compare(args) -> None:
     from designrl import compare
     from designrl.recording.table import SUFFIXES, check_target, write_table
 
-    for path in filter(None, [args.output]):
-        (check_target if Path(path).suffix in SUFFIXES else compare.check_target)(path)
+    as_table = Path(args.output or "").suffix in SUFFIXES
+    if args.output:
+        (check_target if as_table else compare.check_target)(args.output)
     runs = compare.read_runs(args.runs)
     data = compare.curves(runs)
     print("\n".join(map(printable, compare.summary(data).splitlines())))
     for run in runs:
         _say_file(run.path)
-    if args.output and Path(args.output).suffix in SUFFIXES:
-        write_table(data, args.output)
-    elif args.output:
-        compare.picture(data, args.output, compare.title(runs))
     if args.output:
+        if as_table:
+            write_table(data, args.output)
+        else:
+            compare.picture(data, args.output, compare.title(runs))
         print(printable(f"{args.output} written"))
 
 
@@ -579,10 +556,12 @@ def _checkpoints(_args) -> None:
 
     for name, about in our_agents().items():
         experiment = get_experiment(name.partition("/")[0])
-        mean, std = experiment.score
+        beside = "a body of other limits than the paper's"
+        if "paper" in about:
+            beside = f"the paper's runs {about['paper']}"
         print(
             f"{name:44} ({experiment.letter}) {about['mean']:6.1f} ± {about['std']:5.1f} over "
-            f"{about['episodes']} episodes; the paper's runs {mean:g} ± {std:g}"
+            f"{about['episodes']} episodes; {beside}"
         )
 
 
@@ -595,9 +574,16 @@ def _add_checkpoints(commands) -> None:
     )
 
 
-def parser() -> argparse.ArgumentParser:
+class Parser(argparse.ArgumentParser):
+    """One that says what is wrong in one sentence."""
+
+    def error(self, message: str):
+        raise InputError(f"{message}; `{self.prog} --help` says what it takes")
+
+
+def parser() -> Parser:
     """The command line."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="designrl",
         description="Reinforcement Learning for Improving Agent Design (Ha 2018): train, evaluate, "
         "record and replay agents that learn their body together with their policy.",
@@ -632,8 +618,8 @@ ANSWERS = _experiments, _evaluate, _compare, _info, _checkpoints
 def main(argv: list[str] | None = None) -> None:
     """Run a command; wrong input ends with one sentence and exit code 2."""
     open_streams()
-    args = parser().parse_args(argv)
     try:
+        args = parser().parse_args(argv)
         for module in args.load:
             load_module(module)
         args.function(args)

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
-from numbers import Integral
 from pathlib import Path
 from typing import NamedTuple
 
@@ -157,16 +156,6 @@ def _agent(agent: Agent | str | Path) -> Agent:
     return agent
 
 
-def check_episodes(episodes: int, seed: int) -> None:
-    """Raise InputError where `evaluate` cannot take these."""
-    whole = isinstance(episodes, Integral) and isinstance(seed, Integral)
-    if not whole or not 1 <= episodes <= MAX_EPISODES or seed < 0:
-        raise InputError(
-            f"an evaluation needs 1 to {MAX_EPISODES:,} episodes and a seed of at least 0, both "
-            f"whole numbers, got {episodes!r} and {seed!r}"
-        )
-
-
 def evaluate(
     agent: Agent | str | Path,
     episodes: int = 100,
@@ -193,8 +182,8 @@ def evaluate(
         InputError: episodes, seed, workers or backend out of range, no agent, or no design of its
             body.
     """
-    check_episodes(episodes, seed)
-    episodes, seed = int(episodes), int(seed)
+    episodes = whole_number("the number of episodes", episodes, 1, MAX_EPISODES)
+    seed = whole_number("the seed", seed, 0)
     agent = _agent(agent)
     scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()

@@ -13,7 +13,9 @@ from designrl.policy import Agent
 PRETRAINED = Path(__file__).resolve().parent / "pretrained"  # there, if installed from a wheel
 if not PRETRAINED.is_dir():
     PRETRAINED = PRETRAINED.parents[1] / "pretrained"  # in a clone, beside the package
-NAME = re.compile(r"[\w-]+/(paper-|blooper-)?seed\d+")  # of a published run
+# A published run: of our recipe, at the paper's settings, in a body of other limits; and its name.
+RUN = re.compile(r"(paper-|blooper-)?seed(\d+)")
+NAME = re.compile(rf"[\w-]+/{RUN.pattern}")
 
 
 def find(name: str | Path) -> Path:

@@ -108,7 +108,7 @@ class Agent:
     Args:
         experiment: what it was trained for.
         parameters: (P,) the flat vector, network first, then the design's parameters.
-        network: where it differs from the experiment's (the published original ant).
+        network: where it differs from the experiment's (the author's original ant).
         metadata: where it came from.
         space: the limits of its body, where they are not the experiment's.
 

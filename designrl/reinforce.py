@@ -1,24 +1,24 @@
 """Population-based REINFORCE (Williams 1992, section 6) over a factored Gaussian.
 
-    optimiser = Reinforce(num_parameters, population=192, settings=PUBLISHED, seed=0)
+    optimiser = Reinforce(num_parameters, population=192, settings=AUTHORS, seed=0)
     while True:
         candidates = optimiser.ask()       # (N, P), drawn from N(μ, σ²)
         optimiser.tell(returns)            # (N,), one per candidate
 
-Two forms of one class: `PLAIN` is what the paper writes (equations 3 to 5), `PUBLISHED` what the
-published code does. The mathematics is in free functions on tensors; the class keeps the state.
+Two forms of one class: `PLAIN` is what the paper writes (equations 3 to 5), `AUTHORS` what the
+author's code does. The mathematics is in free functions on tensors; the class keeps the state.
 """
 
 import numpy as np
 
 from designrl.errors import InputError, optional
 from designrl.numeric import real_numbers
-from designrl.settings import PLAIN, PUBLISHED, ReinforceSettings
+from designrl.settings import AUTHORS, PLAIN, ReinforceSettings
 
 with optional("training", "train", "make setup-train"):
     import torch
 
-__all__ = ["PLAIN", "PUBLISHED", "Reinforce", "ReinforceSettings"]
+__all__ = ["PLAIN", "AUTHORS", "Reinforce", "ReinforceSettings"]
 
 _NOISE_STREAM = 0  # spawn key of the samples; training's episode seeds have another
 
@@ -70,7 +70,7 @@ class Reinforce:
     Args:
         num_parameters: P.
         population: N, candidates per generation; at least 2, and even where pairs are mirrored.
-        settings: PUBLISHED, PLAIN or settings of one's own.
+        settings: AUTHORS, PLAIN or settings of one's own.
         seed: every generation's samples are a function of the seed and the generation.
 
     Attributes:
@@ -85,7 +85,7 @@ class Reinforce:
         self,
         num_parameters: int,
         population: int = 192,
-        settings: ReinforceSettings = PUBLISHED,
+        settings: ReinforceSettings = AUTHORS,
         seed: int = 0,
     ):
         if num_parameters < 1:

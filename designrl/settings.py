@@ -33,7 +33,7 @@ def _setting(default, help: str):  # noqa: A002 (argparse's name)
 
 @dataclass(frozen=True, kw_only=True)
 class ReinforceSettings:
-    """The optimiser's settings; each default is the published code's.
+    """The optimiser's settings; each default is that of the author's code.
 
     Raises:
         InputError: a value of another type.
@@ -54,10 +54,10 @@ class ReinforceSettings:
     learning_rate_floor: float = _setting(0.0, "the learning rate does not fall below this")
     sigma_start: float = _setting(0.1, "σ of every parameter at the start")
     sigma_learning_rate: float = _setting(
-        0.2, "step size of σ in the published rule; the plain form has one step size for both"
+        0.2, "step size of σ in the author's rule; the plain form has one step size for both"
     )
     sigma_change_max: float = _setting(
-        0.2, "largest relative change of a σ by one update of the published rule"
+        0.2, "largest relative change of a σ by one update of the author's rule"
     )
     sigma_decay: float = _setting(0.9995, "factor on every σ above the floor after each update")
     sigma_floor: float = _setting(
@@ -78,9 +78,7 @@ class ReinforceSettings:
             unset = getattr(ReinforceSettings, name), PLAIN_CHANGES.get(name)
             if getattr(self, name) not in unset:
                 words = name.replace("_", "-")
-                raise InputError(
-                    f"{words} is part of the published rule; leave it out, or use adam"
-                )
+                raise InputError(f"{words} is part of the author's rule; leave it out, or use adam")
 
     def learning_rate_at(self, generation: int) -> float:
         """The step size of an update, counted from 0."""
@@ -93,7 +91,7 @@ class ReinforceSettings:
         return max(rate, self.learning_rate_floor)
 
 
-# What the paper's text writes, in place of the published code's form (`--recipe plain`).
+# What the paper's text writes, in place of the form in the author's code (`--recipe plain`).
 PLAIN_CHANGES: dict[str, typing.Any] = {
     "mirrored": False,
     "ranks": False,
@@ -102,7 +100,7 @@ PLAIN_CHANGES: dict[str, typing.Any] = {
     "learning_rate": 1e-4,  # the paper names α but gives no value
     "sigma_decay": 1.0,
 }
-PUBLISHED = ReinforceSettings()
+AUTHORS = ReinforceSettings()
 PLAIN = ReinforceSettings(**PLAIN_CHANGES)
 
 
@@ -124,7 +122,7 @@ class TrainSettings(ReinforceSettings):
     shaped_rewards: bool = _setting(
         False,
         "walkers, in training only: a fall costs nothing and a solved episode earns 100 more, as "
-        "in the published code",
+        "in the author's code",
     )
     reward_weights: dict[str, float] | None = _setting(
         None,
@@ -166,7 +164,7 @@ class TrainSettings(ReinforceSettings):
 
         Args:
             experiment: name, or an Experiment, which becomes known by its name.
-            recipe: "paper": the paper's numbers, the published code's algorithm; "ours": ours,
+            recipe: "paper": the paper's numbers, the algorithm of the author's code; "ours": ours,
                 one for every seed; "plain": the paper's numbers and equations 3 to 5 as written.
 
         Raises:

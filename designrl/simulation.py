@@ -11,7 +11,6 @@ cluster, too.
 
 import inspect
 import math
-import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field
@@ -24,8 +23,8 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from designrl import engine
 from designrl.design import DesignSpace
 from designrl.envs import tasks
-from designrl.envs.tasks import EngineTask, engine_task
-from designrl.errors import InputError
+from designrl.envs.tasks import engine_task
+from designrl.errors import InputError, remark
 from designrl.experiments import PAPERS, Experiment, Network, Shaping, get_experiment
 from designrl.numeric import real_numbers, whole_number, whole_numbers
 from designrl.policy import Agent, bounds_kwargs, noise_stds
@@ -91,7 +90,7 @@ class Simulator(AbstractContextManager):
         experiment: name or Experiment.
         backend: "engine" (falls back to the reference, with one sentence, where it cannot run) or
             "reference".
-        network: where it differs from the experiment's (the published original ant).
+        network: where it differs from the experiment's (the author's original ant).
         workers: processes (reference) or threads (engine), at least 1.
         ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
             has no meaning then.
@@ -142,11 +141,11 @@ class Simulator(AbstractContextManager):
         kwargs = {**self.experiment.training_kwargs, **env_kwargs}
         self._bodies = self.space.within(kwargs.get("design_bounds"))
         task = engine_task(self.experiment.env_id, **kwargs)  # or refuses a value
-        asked = backend == "engine"
-        reason = engine_reason(task, self.experiment, self.network, self._bodies) if asked else ""
+        asked = backend == "engine" and task is not None
+        reason = engine_reason(self.experiment, self.network, self._bodies) if asked else None
         if reason:
-            print(f"designrl: {reason}; using the reference environment", file=sys.stderr)
-        self.backend = backend = "engine" if reason is None else "reference"
+            remark(f"designrl: {reason}; using the reference environment")
+        self.backend = backend = "engine" if asked and not reason else "reference"
         self._pool: RayWorkers | ProcessWorkers | None = None
         if ray is not None:
             self._pool = RayWorkers(ray)
@@ -173,7 +172,7 @@ class Simulator(AbstractContextManager):
             candidates: (N, P) flat parameter vectors, float64.
             seeds: (N, R) seeds of the episodes, 0 <= seed < 2**63.
             training: in the environment as training has it (`Experiment.training_kwargs`).
-            shaped: with the rewards that the published code changes in training.
+            shaped: with the rewards that the author's code changes in training.
             progress: called with the number of episodes that have ended since its last call.
             design: (D,) scales of the body that all walk in; None: each in its own.
 
@@ -357,26 +356,20 @@ def check_world(experiment: Experiment, network: Network) -> None:
 
 
 def engine_reason(
-    task: EngineTask | None,
-    experiment: Experiment,
-    network: Network,
-    space: DesignSpace | None = None,
+    experiment: Experiment, network: Network, space: DesignSpace | None = None
 ) -> str | None:
-    """Why the engine cannot run an experiment here, as a clause; None if it can.
+    """Why the engine, which has its environment, cannot run it here, as a clause; None if it can.
 
     Args:
-        task: `engine_task` of its environment; without one nothing is amiss, and the clause empty.
         space: limits of the bodies; None: the paper's.
     """
-    if task is None:
-        return ""
-    if reason := engine.missing_reason():
+    if reason := tasks.engine_reason(experiment.env_id, space):
         return reason
     if max(network.sizes) > engine.widest_layer():
         return f"the compiled engine has layers of at most {engine.widest_layer()} values"
     if experiment.shaping not in (None, Shaping()):
-        return "the compiled engine has the published code's shaped rewards alone"
-    return tasks.engine_reason(experiment.env_id, space)
+        return "the compiled engine has the shaped rewards of the author's code alone"
+    return None
 
 
 def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **options):
@@ -387,7 +380,7 @@ def run_engine(episodes: Episodes, candidates: np.ndarray, seeds: np.ndarray, **
     """
     experiment, network = episodes.experiment, episodes.network
     found = engine_task(experiment.env_id, **episodes.env_kwargs)
-    if found is None or engine_reason(found, experiment, network) is not None:
+    if found is None or engine_reason(experiment, network):
         return run_reference(episodes, candidates, seeds)
     task, reward_factor = found
     own, rest = np.split(candidates, [network.num_parameters], axis=1)

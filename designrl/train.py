@@ -16,7 +16,6 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -37,12 +36,12 @@ from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
 from designrl.recording import Generation, RunWriter, record_rollout
 from designrl.reinforce import Reinforce
-from designrl.run_folder import RunFolder
+from designrl.run_folder import Progress, RunFolder
 from designrl.settings import TrainSettings
 from designrl.simulation import CandidateError, Simulator
 
 SAVE_SECONDS = 10.0  # between two saves of the state; a killed run repeats at most this much
-CANDIDATE_DECIMALS = 4  # the published code sends candidates to its workers in fixed point
+CANDIDATE_DECIMALS = 4  # the author's code sends candidates to its workers in fixed point
 
 # Spawn keys of the run's SeedSequence; `designrl.reinforce` has (generation, 0) for the samples.
 _EPISODE_STREAM = 1
@@ -63,18 +62,6 @@ class Optimiser(Protocol):
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Go on from a `state()`; InputError where it does not fit."""
-
-
-@dataclass
-class _Progress:
-    """What a run has reached; with the optimiser's state, all that a resume needs."""
-
-    generation: int = 0  # updates so far
-    best_score: float | None = None
-    best_generation: int | None = None
-    total_steps: int = 0  # environment steps, evaluations included
-    seconds: float = 0.0  # wall time
-    cpu_seconds: float = 0.0  # processor time; for a pool of processes, wall time times workers
 
 
 def training_seeds(settings: TrainSettings, generation: int) -> np.ndarray:
@@ -130,7 +117,7 @@ class TrainingRun:
         self.optimiser = optimiser or Reinforce(
             self.experiment.num_parameters, settings.population, settings, settings.seed
         )
-        self.progress = _Progress()
+        self.progress = Progress()
         self._folder = RunFolder(out)
         self._open()
 
@@ -302,7 +289,7 @@ class TrainingRun:
     _status = ""
 
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
-        """Score an agent as the published runs did; keep it if it is the best so far.
+        """Score an agent as the author did; keep it if it is the best so far.
 
         With the environment's rewards, and where training has them the factor for smaller legs and
         the weights of the rewards' terms.
@@ -405,52 +392,12 @@ class TrainingRun:
         self._folder.check()
         if recorder:
             recorder.flush()
-        tensors, metadata = self._snapshot
-        checkpoint.write_tensors(self._folder.state, tensors, metadata, checkpoint.STATE_FORMAT)
+        self._folder.write_state(*self._snapshot)
 
     def _load_state(self) -> None:
-        tensors, metadata = checkpoint.read_tensors(self._folder.state, checkpoint.STATE_FORMAT)
-        damaged = InputError(f"{self._folder.state} is damaged; start again in another folder")
-        try:
-            for name, ours in vars(self.settings).items():
-                theirs = metadata["settings"].get(name)
-                if theirs != ours and not (name == "generations" and theirs < ours):
-                    raise InputError(
-                        f"{self.out} holds a run with {name} = {theirs!r}, not {ours!r}; resume "
-                        "with the same settings, or choose another folder with --out"
-                    )
-            progress = _Progress(**metadata["progress"])
-            numbers = [value for value in vars(progress).values() if value is not None]
-            whole = isinstance(progress.generation, int) and isinstance(progress.total_steps, int)
-            if not whole or progress.generation < 0 or not all(map(math.isfinite, numbers)):
-                raise damaged
-        except (AttributeError, KeyError, TypeError, OverflowError):
-            raise damaged from None
+        tensors, self.progress, about = self._folder.read_state(self.settings)
         try:
             self.optimiser.restore(tensors)
         except InputError as error:
             raise InputError(f"{self._folder.state} cannot be used: {error}") from None
-        self._check_best(progress)
-        self.progress, self._init_hash = progress, metadata.get("init_sha256")
-
-    def _check_best(self, progress: _Progress) -> None:
-        """The kept agent is this run's, and not older than the state."""
-        path = self._folder.best
-        kept, mend = progress.best_generation, "put it back, or start again in another folder"
-        if not path.exists():
-            if kept is not None:
-                raise InputError(
-                    f"{self.out} has lost its {path.name}, kept at generation {kept}; {mend}"
-                )
-            return
-        found = checkpoint.load(path, self.experiment.name).metadata
-        settings = found.get("settings")
-        if isinstance(settings, dict):
-            settings = {**settings, "generations": self.settings.generations}
-        # A killed run may have kept a better one since it saved its state.
-        of_now = found.get("generation") == kept and found.get("score") == progress.best_score
-        later = (
-            isinstance(found.get("generation"), int) and found["generation"] > progress.generation
-        )
-        if settings != self.settings.as_dict() or not (of_now or later):
-            raise InputError(f"{path} is not what this run kept at generation {kept}; {mend}")
+        self._init_hash = about.get("init_sha256")

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector.utils import CloudpickleWrapper
 
-from designrl.errors import InputError, optional
+from designrl.errors import InputError, optional, remark
 from designrl.provenance import sources_hash
 
 MAX_FAILURES = 3  # of one task, before it is blamed and not its workers
@@ -167,7 +167,7 @@ class ProcessWorkers:
                     if failures[culprit] == MAX_FAILURES:
                         raise fault
                     if culprit is not NO_START:
-                        print(f"designrl: {fault}; it is done again", file=sys.stderr)
+                        remark(f"designrl: {fault}; it is done again")
                     waiting.append(index)  # last, when all that died while idle have been found
         except BaseException:
             self.close()  # nobody wants what still runs
@@ -318,10 +318,9 @@ class RayWorkers:
                     yield index, result
                 if time.monotonic() - last > PATIENCE_SECONDS and not self._said_to_wait:
                     self._said_to_wait = True
-                    print(
+                    remark(
                         f"designrl: no result from the Ray cluster for {PATIENCE_SECONDS:.0f} s; "
-                        "where it has no free core (see `ray status`), the run waits for one",
-                        file=sys.stderr,
+                        "where it has no free core (see `ray status`), the run waits for one"
                     )
         finally:
             for answer in running:  # after an exception or an interrupt

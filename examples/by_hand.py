@@ -3,9 +3,10 @@
     python examples/by_hand.py            (with PyTorch: make setup-train)
 
 Learns a walker's policy and its body for two generations, without anything that makes it fast or
-safe: no compiled engine, workers, recordings or files. `designrl train` computes the same bits
-(`tests/test_by_hand.py`). One thing is left out: the bonuses that the published code pays in
-training, which the paper does not mention (docs/fidelity.md).
+safe: no engine, workers, recordings or files. `designrl train` computes the same bits
+(`tests/test_by_hand.py`). Two things are left out: which candidate is evaluated and kept as the
+agent, and the bonuses that the author's code pays in training, which the paper does not mention
+(docs/fidelity.md).
 """
 
 import gymnasium
@@ -38,7 +39,7 @@ def learn(settings: TrainSettings) -> Reinforce:
     theta = Reinforce(experiment.num_parameters, settings.population, settings, settings.seed)
     for generation in range(settings.generations):
         # Sample the population w¹ ... wᴺ, each element from w_j ~ N(μ_j, σ_j). The last elements
-        # of w are the body's scales, the others the weights of the policy's network.
+        # of w decide the body's scales, the others the weights of the policy's network.
         population = np.asarray(theta.ask()).round(CANDIDATE_DECIMALS)
         agents = [Agent(experiment, w) for w in population]
         # Equation 1 has an expectation: a candidate's R(w) is the mean over several rollouts.
@@ -50,7 +51,7 @@ def learn(settings: TrainSettings) -> Reinforce:
         returns = np.array(rollouts).mean(axis=1)
         # Estimate ∇J(θ) (equation 3, by the log-likelihood trick of equation 2) with the closed
         # forms of ∇ log N (equation 5), and ascend it (equation 4). `designrl.reinforce` has them,
-        # as the paper writes them (recipe "plain") and as the published code does (the others).
+        # as the paper writes them (recipe "plain") and as the author's code does (the others).
         theta.tell(returns)
         print(f"generation {generation}: mean {returns.mean():.1f}, best {returns.max():.1f}")
     env.close()

@@ -19,12 +19,13 @@ CAPTIONS = {
     "figure5": (
         "Figure 5",
         "Hardcore learning curves at the paper's settings, 192 candidates with 16 rollouts each, "
-        "with the original and a learned body. Thick: the paper's curves, read from its figure. "
-        "Thin: ours, a line for each run; a circle marks how far an unfinished run has come. "
-        "Left, the population's mean ± 2 standard deviations (the paper's: dashed, where they were "
-        "read). These are points of training, where a fall costs nothing and success earns 100 "
-        "more, less 100, as in the paper's figure. Right, the score of the generation's best agent "
-        "over 100 rollouts (ours over 3,072). The grey line is at 300 points: solved.",
+        "with the original body and a learned one, as far as the paper's figure goes. Thick: the "
+        "paper's curves, read from its figure. Thin: ours, a line for each run; a circle marks how "
+        "far an unfinished run has come. Left, the population's mean ± 2 standard deviations (the "
+        "paper's: dashed, where they were read). These are points of training, where a fall costs "
+        "nothing and success earns 100 more, less 100, as in the paper's figure. Right, the score "
+        "of the generation's best agent over 100 rollouts (ours over 3,072). The grey line is at "
+        "300 points: solved.",
     )
 }
 OFFSET = -100.0  # points, of the paper's left panel

@@ -40,12 +40,12 @@ LIMIT = 2_000_000  # bytes of the page
 MAX_POLICIES = 4  # of a run, besides the published one
 MAX_GAP = 0.1  # of a run's generations, between two bodies, for a slider over them
 
-COMPILE = [
-    *(sys.executable, "-m", "ziglang", "c++", "-target", "wasm32-wasi", "-mexec-model=reactor"),
-    *("-msimd128", "-nostdlib++", "-s", "-std=c++17", "-O2", "-g0", "-ffp-contract=off"),
-    *("-fno-math-errno", "-fno-trapping-math", "-fno-exceptions", "-fno-rtti"),
-    *("-fno-threadsafe-statics", "-fvisibility=hidden", "-Wl,--export-dynamic", f"-I{NATIVE}"),
-]
+FLAGS = """
+    -target wasm32-wasi -mexec-model=reactor -msimd128 -nostdlib++ -s -std=c++17 -O2 -g0
+    -ffp-contract=off -fno-math-errno -fno-trapping-math -fno-exceptions -fno-rtti
+    -fno-threadsafe-statics -fvisibility=hidden -Wl,--export-dynamic
+"""
+COMPILE = [sys.executable, "-m", "ziglang", "c++", *FLAGS.split(), f"-I{NATIVE}"]
 
 FIGURES = {
     "figure1": "The hardcore walker, before and after it learned its legs",
@@ -81,11 +81,6 @@ def digest() -> str:
     for name, data in sources().items():
         found.update(f"{name} {hashlib.sha256(data).hexdigest()}\n".encode())
     return found.hexdigest()[:16]
-
-
-def built_from(page: str) -> str:
-    """The hash of what a page was built from."""
-    return re.search(r'name="sources" content="(\w*)"', page)[1]
 
 
 # --------------------------------------------------------------------------------------- script

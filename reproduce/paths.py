@@ -1,10 +1,10 @@
 """Where the project keeps what its tables and figures are made of."""
 
-import re
 import tomllib
 from pathlib import Path
 
 from designrl.experiments import PAPERS
+from designrl.names import RUN
 
 ROOT = Path(__file__).resolve().parents[1]
 EIGHT = {experiment.name: experiment for experiment in PAPERS}  # whatever else is registered
@@ -44,8 +44,8 @@ def is_blooper(path: Path) -> bool:
 
 def seed_of(name: str) -> int | None:
     """The seed of a published run ("seed3", "paper-seed3", "blooper-seed3"), or None."""
-    found = re.fullmatch(r"(?:paper-|blooper-)?seed(\d+)", name)
-    return int(found[1]) if found else None
+    found = RUN.fullmatch(name)
+    return int(found[2]) if found else None
 
 
 def recordings(experiment: str) -> list[Path]:

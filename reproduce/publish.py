@@ -73,20 +73,23 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
 
 
 def add_to_index(s: Score) -> None:
-    """Write a checkpoint's score to pretrained/index.json, which `designrl checkpoints` lists."""
+    """Write its score and the paper's to pretrained/index.json, for `designrl checkpoints`."""
     path, found = index_file(), published_scores()
-    found[s.path.relative_to(path.parent).with_suffix("").as_posix()] = {
+    name = s.path.relative_to(path.parent).with_suffix("").as_posix()
+    found[name] = {
         "mean": round(s.mean, 1),
         "std": round(s.std, 1),
         "episodes": len(s.returns),
     }
+    if not paths.is_blooper(s.path):
+        found[name]["paper"] = "{} ± {}".format(*paper()["table3"][s.path.parent.name])
 
     def place(name: str) -> tuple:
         experiment, run = name.split("/")
         return list(EIGHT).index(experiment), len(run), run
 
     index = {name: found[name] for name in sorted(found, key=place)}
-    write_atomically(path, json.dumps(index, indent=1).encode() + b"\n")
+    write_atomically(path, json.dumps(index, indent=1, ensure_ascii=False).encode() + b"\n")
 
 
 def write_card(checkpoint: Path, experiment: str) -> Score:

@@ -4,7 +4,7 @@
     make train-all ONLY=biped   those of one experiment, or of several: ONLY="biped ant"
     make verify-runs            train the first generations of every published run again and compare
 
-Which runs there are is decided by `plan`, and how each is trained by its experiment's recipe.
+Which runs there are, and with which settings each is trained, is decided by `plan`.
 Ctrl-C saves all; the next call goes on. What is not done yet is in runs/all.
 """
 
@@ -57,7 +57,7 @@ class Planned:
     """A run that is to be published.
 
     Attributes:
-        settings: its experiment's recipe and a seed.
+        settings: of a recipe of its experiment, with a seed.
         name: of its files.
     """
 

@@ -11,7 +11,7 @@ from designrl.author import describe as describe_author
 from designrl.author import load_author
 from designrl.checkpoint import STATE_FORMAT, describe, save, write_tensors
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, get_experiment
+from designrl.experiments import AUTHOR_ANT_NETWORK, EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.names import load
 from designrl.policy import Agent
@@ -25,7 +25,7 @@ def make_agent(name="biped-morphology", network=None, **metadata):
 
 
 @pytest.mark.parametrize(
-    ("name", "network"), [*((name, None) for name in EXPERIMENTS), ("ant", PUBLISHED_ANT_NETWORK)]
+    ("name", "network"), [*((name, None) for name in EXPERIMENTS), ("ant", AUTHOR_ANT_NETWORK)]
 )
 def test_what_is_saved_is_loaded(name, network, tmp_path):
     agent = make_agent(name, network, seed=3, generation=25, settings={"population": 4})

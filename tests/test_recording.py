@@ -126,19 +126,9 @@ def rollout(tmp_path_factory):
     return path
 
 
-def test_the_generated_module_is_that_of_the_proto_file():
+def test_each_field_of_the_schema_has_a_comment():
     text = (Path(schema_pb2.__file__).parent / "schema.proto").read_text()
-    found = {
-        (message, name, int(number))
-        for message, body in re.findall(r"^message (\w+) \{(.*?)^\}", text, re.M | re.S)
-        for name, number in re.findall(r"(\w+) = (\d+);", body)
-    }
-    assert found == {
-        (message.name, field.name, field.number)
-        for message in schema_pb2.DESCRIPTOR.message_types_by_name.values()
-        for field in message.fields
-    }
-    assert not re.findall(r"= \d+;$", text, re.M), "each field has a comment"
+    assert not re.findall(r"= \d+;$", text, re.M)
 
 
 def test_the_generated_module_is_what_make_proto_writes(tmp_path):

@@ -4,8 +4,8 @@ import torch
 
 from designrl.errors import InputError
 from designrl.reinforce import (
+    AUTHORS,
     PLAIN,
-    PUBLISHED,
     Reinforce,
     ReinforceSettings,
     centred_ranks,
@@ -59,7 +59,7 @@ def test_centred_ranks_are_evenly_spread_and_keep_the_order():
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-@pytest.mark.parametrize("settings", [PUBLISHED, PLAIN], ids=["published", "plain"])
+@pytest.mark.parametrize("settings", [AUTHORS, PLAIN], ids=["authors", "plain"])
 def test_a_quadratic_is_solved(settings, noise):
     rng = np.random.default_rng(3)
     target = np.array([1.0, -0.5, 0.3])
@@ -106,11 +106,11 @@ def test_sigma_changes_by_a_fifth_at_most():
     for generation in range(30):
         optimiser.tell(np.random.default_rng(generation).standard_normal(8) * 1e6)
         ratio = optimiser.sigma / before
-        assert ((ratio <= 1.2) & (ratio >= 0.8 * PUBLISHED.sigma_decay - 1e-12)).all()
+        assert ((ratio <= 1.2) & (ratio >= 0.8 * AUTHORS.sigma_decay - 1e-12)).all()
         before = optimiser.sigma.clone()
 
 
-@pytest.mark.parametrize("settings", [PUBLISHED, PLAIN], ids=["published", "plain"])
+@pytest.mark.parametrize("settings", [AUTHORS, PLAIN], ids=["authors", "plain"])
 def test_a_restored_optimiser_goes_on_with_the_same_bits(settings):
     def run(optimiser, generations):
         for _ in range(generations):

@@ -656,11 +656,6 @@ def test_what_is_published_and_publishing_again_gives_the_same_files(published_r
     assert contents(project) == before
 
 
-def test_experiments_have_the_scores_of_the_papers_table():
-    scores_of = {name: list(experiment.score) for name, experiment in paths.EIGHT.items()}
-    assert scores_of == {name: paper()["table3"][name] for name in paths.EIGHT}
-
-
 def test_card_says_the_body_that_was_found():
     agent, returns = random_agent("ant-morphology"), np.arange(100.0)
     agent.metadata |= {"seed": 0, "generation": 1, "score": 1.0, "score_episodes": 4}

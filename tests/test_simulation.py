@@ -18,7 +18,7 @@ from designrl.envs.tasks import leg_area_reward_factor
 from designrl.envs.walker import Walker
 from designrl.errors import InputError
 from designrl.evaluation import episode_seeds, evaluate
-from designrl.experiments import PUBLISHED_ANT_NETWORK, get_experiment
+from designrl.experiments import AUTHOR_ANT_NETWORK, get_experiment
 from designrl.policy import Agent
 from designrl.recording import read, record_rollout
 from designrl.simulation import PIECES_PER_WORKER, CandidateError, Simulator, _pieces
@@ -357,7 +357,7 @@ def test_wrong_input_is_refused():
         ("no reward term 'speed'", {"reward_weights": {"speed": 2.0}}),
         (r"give design to rollout\(\)", {"design": np.ones(8)}),
         *(("workers is .* whole number", {"workers": n}) for n in (0, 1.5, "2", None)),
-        ("does not have the network", {"network": PUBLISHED_ANT_NETWORK}),
+        ("does not have the network", {"network": AUTHOR_ANT_NETWORK}),
     ):
         for backend in ("engine", "reference"):
             with pytest.raises(InputError, match=words):

@@ -40,7 +40,7 @@ class WalkerBody(Body):
 
     name = "walker"
     design = DesignSpace(
-        # Order of the published weights; dimensions of the original walker (Table 2, first row).
+        # Order of the author's weights; dimensions of the original walker (Table 2, first row).
         names=tuple(
             f"{part} leg {leg} {side}"
             for leg in (1, 2)

@@ -76,7 +76,6 @@ class Stepper(AbstractContextManager):
             SAME_STEP, the same step resets it, too; DISABLED, nothing.
         reward_factor: from scales (N, D) to factors (N,) of all rewards but a fall's.
         threads: operating system threads; None: one per processor.
-        isa: as for `designrl.engine.rollout`.
 
     Attributes:
         count, observations, actions, dimensions, terms: N, O, A, D and T.
@@ -98,18 +97,17 @@ class Stepper(AbstractContextManager):
         autoreset: int = NEXT_STEP,
         reward_factor: Callable[[np.ndarray], np.ndarray] | None = None,
         threads: int | None = None,
-        isa: str | None = None,
     ):
         self._library = library = _library()
         *counts, self._flags = _find(task)
-        self._made_with = task, count, autoreset, reward_factor, threads, isa
+        self._made_with = task, count, autoreset, reward_factor, threads
         self.count = count
         self.observations, self.actions, self.dimensions, self.terms, self.parts = counts
         self.designs = np.ones((count, self.dimensions))
         self._factors = np.ones(count) if reward_factor else None
         self._weights = _term_weights(task, self.terms) if task.reward_weights else None
         threads = max(1, min(threads or core_count(), count))
-        isa = instruction_set(isa).encode()
+        isa = instruction_set().encode()
         self._turn = threading.RLock()
         self._owner = ctypes.c_void_p()  # the library's own; it puts them there, and takes them out
         self._process = os.getpid()

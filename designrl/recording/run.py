@@ -28,10 +28,8 @@ from designrl.recording.points import point_cloud
 from designrl.recording.reader import Recording, read
 
 # Messages of a topic that a thinned copy has at most, or, of evaluations, those with episodes.
-KEPT = {
-    **{"/distribution": 3, "/returns": 3, "/evaluation": 3},
-    **{"/body": 8, "/design": 30, "/summary": 400},
-}
+KEPT = dict.fromkeys(("/distribution", "/returns", "/evaluation"), 3)
+KEPT |= {"/body": 8, "/design": 30, "/summary": 400}
 LENGTH = ("settings", "command")  # of a run: what a resume for more generations changes
 
 
