@@ -90,11 +90,16 @@ def _named_numbers(sub, flag: str, example: str, help: str) -> None:  # noqa: A0
         def __call__(self, _parser, args, texts, _flag=None):
             named = getattr(args, self.dest) or {}
             for text in texts:
-                name, _, number = text.rpartition("=")
+                name, is_one, number = text.rpartition("=")
                 try:
-                    named[name.strip()] = float(number)
+                    value = float(number) if is_one else None
                 except ValueError:
-                    raise InputError(f"{flag} {text!r} is none; write it as {example!r}") from None
+                    value = None
+                if value is None:
+                    raise InputError(f"{flag} {text!r} is none; write it as {example!r}")
+                if name.strip() in named:
+                    raise InputError(f"{flag} has {name.strip()!r} twice; give it once")
+                named[name.strip()] = value
             setattr(args, self.dest, named)
 
     help += f", as {example!r}; several are allowed"
@@ -248,6 +253,8 @@ def _bar(unit: str, total: int | None = None):
 
 
 def _evaluate(args) -> None:
+    import gymnasium
+
     from designrl.evaluation import evaluate, worst
 
     if args.output:
@@ -257,9 +264,9 @@ def _evaluate(args) -> None:
     if args.worst is not None:
         whole_number("--worst", args.worst, 1)
     agent, design, weights = _load(args), args.design, args.reward_weight
-    changes = {"lidar": args.lidar} if args.lidar else {}
-    if weights:
-        changes["reward_weights"] = weights
+    lidar = {"lidar": args.lidar} if args.lidar else {}
+    if args.worst:  # it is played again there; what that lacks is said before the evaluation
+        gymnasium.make(agent.experiment.env_id, disable_env_checker=True).close()
     with _bar("episode", args.episodes) as progress:
         result = evaluate(
             agent,
@@ -269,9 +276,10 @@ def _evaluate(args) -> None:
             args.backend,
             progress=progress,
             design=design,
-            **changes,
+            **({"reward_weights": weights} if weights else {}),
+            **lidar,
         )
-    lowest = worst(agent, result, args.worst, design, **changes) if args.worst else []
+    lowest = worst(agent, result, args.worst, **lidar) if args.worst else []
     summary = result.summary()
     if args.output:
         write_table(result.table(), args.output)
@@ -285,6 +293,7 @@ def _evaluate(args) -> None:
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
         + (f"; not in its own body: {in_words(result.changed)}" if result.changed else "")
         + (f", {option('reward_weights', weights)}" if weights else "")
+        + (f", --lidar {args.lidar}" if args.lidar else "")
     )
     _say_file(agent.file)
     if lowest:
@@ -357,7 +366,8 @@ def _record(args) -> None:
         from designrl.recording import record_rollout
 
         score = record_rollout(agent, args.output, seed, design=design)
-        look = f"designrl replay {shlex.quote(args.output)}"
+        load = (f"--load {shlex.quote(module)} " for module in args.load)
+        look = f"designrl {''.join(load)}replay {shlex.quote(args.output)}"
         print(printable(f"{args.output}: one episode, {score:.1f} points; look at it with: {look}"))
     if args.video:
         with _bar("picture") as progress:

@@ -83,6 +83,7 @@ def _settings(run: Recording) -> tuple[dict, dict]:
     for word, after in zip(words, [*words[1:], ""], strict=True):
         if word.startswith("--"):
             key = word.removeprefix("--").replace("-", "_")
+            key = {"reward_weight": "reward_weights"}.get(key, key)
             key = key if key == "recipe" or key in all_of_them else key.removeprefix("no_")
             about[key] = all_of_them.get(key, after)  # the recipe is none of them
     return about, all_of_them
@@ -92,6 +93,8 @@ def _words(key: str, value) -> str:
     name = key.replace("_", " ")
     if isinstance(value, bool):
         return name if value else f"no {name}"
+    if isinstance(value, dict):
+        value = " ".join(f"{term}={x}" for term, x in value.items())
     text = str(value)[:MAX_TEXT]
     return text if key == "experiment" else f"{name} {text}"
 
@@ -188,6 +191,7 @@ def picture(data: Table, path: str | Path, title: str = "") -> None:
                 y,
                 style,
                 color=COLORS[i % len(COLORS)],
+                marker="." if drawn.sum() == 1 else None,
                 linewidth=1.2,
                 label=label.replace("$", r"\$"),
                 **how,

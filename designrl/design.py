@@ -9,6 +9,7 @@ import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Real
 
 import numpy as np
 
@@ -56,6 +57,8 @@ class DesignSpace:
         bounds = self.bounds
         if bounds is None:
             limit = FORMS[self.form] if self.limit is None else self.limit
+            if not isinstance(limit, Real):
+                raise InputError(f"design limit is {limit!r}; it must be a number")
             bounds = (1 - limit, 1 + limit)
             least, most = 0, 1 - SMALLEST
             if self.form == "lognormal":
@@ -126,7 +129,7 @@ class DesignSpace:
             i = int(np.argmax(wrong))
             raise InputError(
                 f"design scale {i} ({self.names[i]}) is {array[i]}; {self._allowed(i)} "
-                "(an environment's design_bounds= sets other bounds)"
+                "(in Python, an environment's design_bounds= sets other bounds)"
             )
         return array
 

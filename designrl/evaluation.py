@@ -10,6 +10,7 @@ from typing import NamedTuple
 import gymnasium
 import numpy as np
 
+from designrl.design import in_words
 from designrl.errors import InputError
 from designrl.files import file_hash
 from designrl.names import load
@@ -49,9 +50,12 @@ class Evaluation:
     sha256: str | None = None
 
     def __repr__(self) -> str:
+        changed = f", not in its own body: {in_words(self.changed)}" if self.changed else ""
+        weights = f", reward weights {self.reward_weights}" if self.reward_weights else ""
         return (
             f"<Evaluation of {self.experiment}: {self.scores.mean():.1f} ± {self.scores.std():.1f} "
-            f"over {len(self.scores)} episodes, seed {self.seed}, on the {self.backend}>"
+            f"over {len(self.scores)} episodes, seed {self.seed}, on the {self.backend}"
+            f"{changed}{weights}>"
         )
 
     def summary(self) -> dict:
@@ -106,25 +110,25 @@ class Ending(NamedTuple):
     at: float
 
 
-def worst(
-    agent: Agent | str | Path, result: Evaluation, count: int, design=None, **env_kwargs
-) -> list[Ending]:
+def worst(agent: Agent | str | Path, result: Evaluation, count: int, **env_kwargs) -> list[Ending]:
     """The episodes of the lowest scores, the lowest first, played again for what ended them.
 
     Args:
         agent: that `evaluate` scored.
         result: what it gave.
         count: of the episodes; all, where there are fewer.
-        design, env_kwargs: as `evaluate` had them.
+        env_kwargs: as `evaluate` had them, but for design and reward_weights, which `result` has.
 
     Raises:
-        InputError: a count that is no whole number from 1 on; or the reference environment plays
-            an episode otherwise than the engine, so that nobody knows what ended that.
+        InputError: a count that is no whole number from 1 on; an episode that has another score
+            here, so that nobody knows what ended it.
     """
     agent = _agent(agent)
     count = whole_number("the number of lowest scores", count, 1)
     seeds, found = episode_seeds(result.seed, len(result.scores)), []
-    options = {"disable_env_checker": True, **agent.env_kwargs, **env_kwargs}
+    weights = {"reward_weights": result.reward_weights} if result.reward_weights else {}
+    options = {"disable_env_checker": True, **agent.env_kwargs, **weights, **env_kwargs}
+    design = result.design if result.changed else None
     with closing(gymnasium.make(agent.experiment.env_id, **options)) as env:
         for i in np.argsort(result.scores, kind="stable")[:count].tolist():
             score, seed = 0.0, int(seeds[i])
@@ -132,9 +136,9 @@ def worst(
                 score += step.reward
             if score != result.scores[i]:
                 raise InputError(
-                    f"episode {i} has {result.scores[i]} points on the {result.backend} and "
-                    f"{score} on the reference, which alone tells what ended it; evaluate with "
-                    "--backend reference"
+                    f"episode {i} has {result.scores[i]} points in the evaluation and {score} on "
+                    "the reference, which alone tells what ended it; give this the evaluation's "
+                    "agent and keywords, or evaluate with the backend reference"
                 )
             body, world = agent.experiment.body, env.unwrapped
             ended = body.ending(world) if step.terminated else "reached the time limit"

@@ -242,7 +242,8 @@ class Agent:
         """
         seed = whole_number("the seed", seed, 0)
         scales = self.body_with(design)
-        if design is None and not np.array_equal(given_design(env, scales), scales):
+        given = given_design(env, scales)
+        if design is None and not np.array_equal(given, scales):
             raise InputError(
                 "the environment was made with another body than the agent's own; to walk in that "
                 "one, give its design here, too (design=), to walk in its own, make the "
@@ -286,6 +287,8 @@ def bounds_kwargs(experiment: Experiment, space: DesignSpace) -> dict:
 
 def given_design(env: gymnasium.Env, otherwise: np.ndarray):
     """The design that an environment was made with, or was set to; `otherwise` where none was."""
+    if not isinstance(env, gymnasium.Env):
+        raise InputError(f"the environment is {env!r}; make one with gymnasium.make")
     world = env.unwrapped
     made_with = world.spec.kwargs.get("design") if world.spec else None
     given = getattr(world, "given_design", made_with)  # an environment of one's own has not that

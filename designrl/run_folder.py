@@ -4,7 +4,6 @@ import fcntl
 import math
 import os
 import stat
-from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,7 +127,7 @@ class RunFolder:
             os.close(self._lock)
             self._lock = None
 
-    def write_state(self, tensors: Mapping, about: dict) -> None:
+    def write_state(self, tensors: dict, about: dict) -> None:
         """Save what a resume needs: the optimiser's state; settings and progress, among others."""
         checkpoint.write_tensors(self.state, tensors, about, checkpoint.STATE_FORMAT)
 

@@ -94,7 +94,8 @@ class Simulator(AbstractContextManager):
         workers: processes (reference) or threads (engine), at least 1.
         ray: run the episodes on a Ray cluster, "local" or its address, on all its cores; `workers`
             has no meaning then.
-        space: limits of the bodies, where they are not the experiment's.
+        space: limits of the candidates' bodies, where they are not the experiment's or those of a
+            `design_bounds=`.
         env_kwargs: keywords of the environment, `lidar="v3"` or `reward_weights={"energy": 2.0}`
             for instance.
 
@@ -123,7 +124,8 @@ class Simulator(AbstractContextManager):
         self.experiment = get_experiment(experiment)
         self.network = network or self.experiment.network
         self.workers = whole_number("the number of workers", workers, 1)
-        self.space = space or self.experiment.body.design
+        own = self.experiment.body.design
+        self.space = space or own.within(env_kwargs.get("design_bounds"))
         self._env_kwargs = env_kwargs = bounds_kwargs(self.experiment, self.space) | env_kwargs
         self._parameters = self.experiment.parameters_with(self.network)
         if self.experiment not in PAPERS:
@@ -146,6 +148,8 @@ class Simulator(AbstractContextManager):
         if reason:
             remark(f"designrl: {reason}; using the reference environment")
         self.backend = backend = "engine" if asked and not reason else "reference"
+        if backend == "reference" and ray is None:  # what it lacks is no candidate's fault
+            gymnasium.make(self.experiment.env_id, disable_env_checker=True).close()
         self._pool: RayWorkers | ProcessWorkers | None = None
         if ray is not None:
             self._pool = RayWorkers(ray)
@@ -188,6 +192,9 @@ class Simulator(AbstractContextManager):
         shaping = self.experiment.shaping if shaped else None
         if design is not None:
             design = self._bodies.validate(design)
+        elif self.experiment.design and self._bodies is not self.space:
+            for scales in self.space.scales(candidates[:, self.network.num_parameters :]):
+                self._bodies.validate(scales)
         if shaping:
             shaping.check(self._env_kwargs.get("reward_weights"))
         episodes = Episodes(self.experiment, self.network, kwargs, shaping, design, self.space)

@@ -105,6 +105,8 @@ class TrainingRun:
         optimiser: Optimiser | None = None,
         on_generation: Callable[[Generation], None] | None = None,
     ):
+        if on_generation is not None and not callable(on_generation):
+            raise InputError(f"on_generation is {on_generation!r}; it must be a function")
         self.settings = settings
         self.experiment: Experiment = get_experiment(settings.experiment)
         self.out = Path(out)

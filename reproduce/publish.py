@@ -29,6 +29,12 @@ from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
 WHOLE, DISTRIBUTIONS = "seed0", 20  # of this run the whole rollout, and so many distributions
+# How names of runs begin -> the recipe of such a run, and what may differ from that.
+KINDS = {
+    "": ("ours", set()),
+    "paper-": ("paper", {"generations"}),
+    "blooper-": ("ours", {"design_form", "design_limit"}),
+}
 
 
 def publish(run: Path, name: str, replace: bool = False) -> str:
@@ -41,18 +47,15 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
         replace: also where another run of that name is published.
 
     Raises:
-        InputError: the run is damaged, not of one of the paper's experiments or has another seed
-            than its name, or another one is published; nothing has been changed.
+        InputError: the run is damaged, not of one of the paper's experiments or has other settings
+            than its name says, or another one is published; nothing has been changed.
     """
     agent = load(run / "best.safetensors")
     if agent.experiment.name not in EIGHT:
         raise InputError(f"{run} is of {agent.experiment.name}; the paper's runs are published")
     recorded = read_run(run / "generations.mcap", agent.experiment.name, agent.metadata["seed"])
     published_scores()  # whatever is wrong with it is said before anything is written
-    kinds = ("blooper-",) if agent.env_kwargs else ("", "paper-")
-    if name not in (names := [f"{kind}seed{agent.metadata['seed']}" for kind in kinds]):
-        why = "seed and its limits" if agent.env_kwargs else "seed"
-        raise InputError(f"{run} cannot be {name}; by its {why} it is {' or '.join(names)}")
+    check_name(name, run, TrainSettings(**agent.metadata["settings"]))
     checkpoint = paths.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
     content, log = (run / "best.safetensors").read_bytes(), recording_of(checkpoint).parent
     is_it = checkpoint.exists() and checkpoint.read_bytes() == content
@@ -70,6 +73,27 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
     learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
     add_to_index(write_card(checkpoint, agent.experiment.name))
     return f"{checkpoint}, its card, its curve and {log} written"
+
+
+def check_name(name: str, run: Path, settings: TrainSettings) -> None:
+    """Raise InputError where a run of these settings is not to have that name; see KINDS."""
+    kinds = ("blooper-",) if settings.design_form or settings.design_limit else ("", "paper-")
+    names = {f"{kind}seed{settings.seed}": kind for kind in kinds}
+    if name not in names:
+        why = "seed and its limits" if "blooper-" in kinds else "seed"
+        raise InputError(f"{run} cannot be {name}; by its {why} it is {' or '.join(names)}")
+    check_settings(name, run, settings, *KINDS[names[name]])
+
+
+def check_settings(name: str, run: Path, settings: TrainSettings, recipe: str, free: set) -> None:
+    """Raise InputError where settings are not those of a recipe, but for the free ones."""
+    expected = vars(TrainSettings.of(settings.experiment, recipe, seed=settings.seed))
+    for setting, value in vars(settings).items():
+        if value != expected[setting] and setting not in free:
+            raise InputError(
+                f"{run} cannot be {name}; such a run has {setting} = {expected[setting]!r}, by the "
+                f"recipe {recipe!r}, and this one has {value!r}"
+            )
 
 
 def add_to_index(s: Score) -> None:

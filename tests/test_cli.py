@@ -146,6 +146,8 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),
         ("evaluate agent.safetensors --design height", "--design 'height' is none; write it as"),
+        ("evaluate agent.safetensors --design 0.6", "'0.6' is none; write it as"),
+        ("evaluate agent.safetensors --reward-weight fall=1 fall=2", "has 'fall' twice"),
         ("record agent.safetensors -o r.mcap --design height=1", "no dimension 'height'"),
         ("evaluate biped", "biped is an experiment; name an agent of"),
         ("train biped --recipe plain --sigma-change-max 0.1", "sigma-change-max is part of"),
@@ -291,6 +293,13 @@ def test_what_ends_an_episode_is_told_apart():
     ):
         (ending,) = worst(policy, designrl.evaluate(policy, episodes=1), 1)
         assert ending.ended == ended
+    other = {"design": {"bottom leg 2 height": 0.6}, "reward_weights": {"energy": 2.0}}
+    result = designrl.evaluate("biped-morphology/seed0", episodes=2, **other)
+    assert worst("biped-morphology/seed0", result, 1)[0].score == result.scores.min()
+    said = "not in its own body: bottom leg 2 height = 0.6, reward weights {'energy': 2.0}>"
+    assert said in repr(result)
+    with pytest.raises(InputError, match="give this the evaluation's agent and keywords"):
+        worst("biped-morphology/seed1", result, 1)
     (ending,) = worst("ant/seed0", designrl.evaluate("ant/seed0", episodes=1), 1)
     assert ending.ended == "reached the time limit" and ending.steps == 1000 and ending.at > 10
 

@@ -45,6 +45,11 @@ def test_labels_say_what_differs_and_nothing_else(tmp_path):
     assert labels_of({}, {"experiment": "biped-hardcore"}) == ["biped", "biped-hardcore"]
     assert labels_of({"adam": True}, {"recipe": "plain"}) == ["recipe ours", "recipe plain"]
     assert labels_of({"seed": 7}) == ["biped, seed 7"]
+    weighted = ({"reward_weights": {"energy": x, "posture": 0.5}} for x in (2.0, 3.0))
+    assert labels_of(*weighted) == [
+        "reward weights posture=0.5 energy=2.0",
+        "reward weights posture=0.5 energy=3.0",
+    ]
     first, second = labels_of({}, {})
     assert first != second and first.startswith("biped, seed 0 (")
 

@@ -112,6 +112,7 @@ def test_the_papers_limits_keep_their_bits():
     [
         ({"form": "normal"}, "one of bounded, lognormal"),
         *(({"limit": limit}, "above 0 and at most 0.99") for limit in (0, 1.0, -1, np.nan)),
+        ({"limit": "half"}, "design limit is 'half'; it must be a number"),
         *(({"form": "lognormal", "limit": x}, "above 1 and at most 100") for x in (0, 1, 101)),
         *(
             ({"bounds": bounds}, "lowest scale, from 0.01 to 1")

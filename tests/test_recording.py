@@ -583,6 +583,8 @@ def test_steps_outside_of_the_writers_with_are_refused(stepped, tmp_path):
     assert "  0 steps\n" in describe(writer._file.path)
     with pytest.raises(RecordingError, match="rollout without a step"):
         table(writer._file.path)
+    recording = read(writer._file.path)
+    assert recording._repr_html_() is None and "without steps" in repr(recording)
 
 
 @pytest.mark.parametrize("name", ["biped-hardcore-morphology", "ant"])

@@ -9,6 +9,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ def stub_scores(agent, episodes, seed, *_):
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """An empty project folder, where evaluations take no time."""
+    """An empty project folder, where evaluations take no time and small runs are published."""
     (tmp_path / "paper").mkdir()
     marks = f"{readme.ANSWERS}\nold\n{readme.ANSWERS_END}\n{readme.START}\nold\n{readme.END}"
     (tmp_path / "README.md").write_text(f"# Results\n{marks}\nmore\n")
@@ -75,6 +76,7 @@ def project(tmp_path, monkeypatch):
         shutil.copyfile(ROOT / "paper" / name, tmp_path / "paper" / name)
     monkeypatch.setattr(paths, "ROOT", tmp_path)
     monkeypatch.setattr(scores, "evaluate", stub_scores)
+    monkeypatch.setattr(publish, "check_settings", lambda *_: None)
     return tmp_path
 
 
@@ -704,6 +706,25 @@ def test_a_run_is_published_under_the_name_of_its_seed(trained, project):
     assert not contents(project)
     main(["publish", str(trained), "--name", "paper-seed0"])
     assert (project / "pretrained" / "biped" / "paper-seed0.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "recipe", "changes", "wrong"),
+    [
+        ("seed0", "ours", {}, None),
+        ("seed0", "ours", {"generations": 2}, "generations = 5000, by the recipe 'ours', .* 2"),
+        ("seed0", "paper", {}, "generations|population = 48"),
+        ("paper-seed0", "paper", {"generations": 3000}, None),
+        ("paper-seed0", "paper", {"init": "biped-morphology/seed0"}, "init = None"),
+        ("paper-seed0", "paper", {"reward_weights": {"energy": 2.0}}, "reward_weights = None"),
+        ("blooper-seed0", "ours", {"design_form": "lognormal"}, None),
+        ("blooper-seed0", "ours", {"design_limit": 0.5, "generations": 3}, "generations = 5000"),
+    ],
+)
+def test_a_run_is_published_with_the_settings_of_its_name(name, recipe, changes, wrong):
+    settings = TrainSettings.of("biped-morphology", recipe, **changes)
+    with pytest.raises(InputError, match=wrong) if wrong else nullcontext():
+        publish.check_name(name, Path("run"), settings)
 
 
 def test_a_run_with_other_limits_is_a_blooper_and_in_no_table(project, monkeypatch):

@@ -14,6 +14,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from designrl.bodies.walker import WALKER
 from designrl.envs.tasks import leg_area_reward_factor
 from designrl.envs.walker import Walker
 from designrl.errors import InputError
@@ -183,6 +184,20 @@ def test_an_agent_passes_over_no_design_that_was_chosen():
         for use in (partial(agent.start, env, 0), partial(evaluate, agent, 1)):
             with pytest.raises(InputError, match="8 scales|did you mean 'top leg 1 width'|is 2.0"):
                 use(design=wrong)
+
+
+@pytest.mark.parametrize("backend", ["engine", "reference"])
+def test_design_bounds_are_limits_of_the_candidates_bodies(backend):
+    name, bounds = "biped-morphology", (0.25, 4.0)
+    parameters, results = candidates(name, 1), []
+    parameters[:, -8:] = 0.9
+    for limits in ({}, {"design_bounds": bounds}, {"space": WALKER.design.within(bounds)}):
+        with Simulator(name, backend, **limits) as simulator:
+            results.append(float(simulator.rollout(parameters, [[0]]).returns[0, 0]))
+    assert results[0] != results[1] == results[2]
+    agent = Agent(get_experiment(name), parameters[0])
+    with pytest.raises(InputError, match=r"is 1.53.*; each must be in \[0.5, 1.5\]"):
+        evaluate(agent, 1, backend=backend, design_bounds=(0.5, 1.5))
 
 
 def test_bodies_beyond_the_engines_run_on_the_reference(capsys):
@@ -379,7 +394,7 @@ def test_wrong_input_is_refused():
         with pytest.raises(InputError, match=words):
             Simulator("biped", "reference").rollout(parameters, seeds)
     for wrong in ({"episodes": 0}, {"episodes": 1.5}, {"seed": "1"}):
-        with pytest.raises(InputError, match="needs 1 to"):
+        with pytest.raises(InputError, match="must be a whole number from"):
             evaluate(Agent(get_experiment("biped"), np.zeros(2804)), **wrong)
 
 

@@ -359,6 +359,12 @@ def test_without_the_engine_the_error_names_the_other_way(monkeypatch):
         assert eval(advice).reset().shape[0] == 2
 
 
+def test_stable_baselines3_has_its_own_reset_and_our_environments():
+    for wrong in ({"env_id": "CartPole-v1"}, {"autoreset_mode": "Disabled"}):
+        with pytest.raises(InputError, match="EngineVecEnv is for designrl/BipedalWalker-v0, "):
+            EngineVecEnv(**{"env_id": FLAT_ID, "num_envs": 2, **wrong})
+
+
 def test_an_ant_of_other_bits_is_not_simulated(monkeypatch):
     monkeypatch.setattr(tasks, "trial", tasks.trial.__wrapped__)
     monkeypatch.setattr(ant, "GRAVITY", np.nextafter(9.8, 9))
@@ -596,6 +602,10 @@ def test_states_of_another_kind_are_refused_and_change_nothing():
     ):
         with pytest.raises(InputError, match=message):
             env.set_state(states)
+    wide = make(design=3.0 * np.ones(8), design_bounds=(0.25, 4.0))
+    wide.reset(seed=0)
+    with pytest.raises(InputError, match="is 3.0; each must be in"):
+        env.set_state(wide.get_state())
     action = env.action_space.sample()
     assert difference(env.step(action), other.step(action)) is None
     env.close()

@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from designrl.envs.inputs import checked_options
-from designrl.envs.tasks import engine_reason
+from designrl.envs.tasks import WORLDS
 from designrl.errors import InputError, optional
 from designrl.numeric import whole_number
 
@@ -45,7 +45,12 @@ class EngineVecEnv(VecEnv):
     """
 
     def __init__(self, env_id: str, num_envs: int, seed: int | None = None, **kwargs):
-        if reason := engine_reason(env_id):
+        if env_id not in WORLDS or "autoreset_mode" in kwargs:
+            raise InputError(
+                f"EngineVecEnv is for {', '.join(WORLDS)}, in Stable-Baselines3's own mode of "
+                f"reset; got {env_id!r}" + ", autoreset_mode" * ("autoreset_mode" in kwargs)
+            )
+        if reason := WORLDS[env_id].engine_reason():
             raise InputError(
                 f"{reason}; stable_baselines3's DummyVecEnv([lambda: gymnasium.make({env_id!r})] * "
                 f"{num_envs}) runs single ones, with the same results"

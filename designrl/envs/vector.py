@@ -230,8 +230,8 @@ class EngineVectorEnv(VectorEnv):
         set is believed, as a pickle is: take none from a stranger.
 
         Raises:
-            InputError: another number of states, or of another kind of environment or another
-                version of this package.
+            InputError: another number of states, of another kind of environment, of a body out of
+                bounds here, or of another version of this package.
         """
         with self._stepper.turn:
             self._check_open("set_state()")
@@ -239,6 +239,8 @@ class EngineVectorEnv(VectorEnv):
             if not known or not all(isinstance(each, EnvironmentState) for each in state):
                 raise InputError("a state is what get_state() of such environments has returned")
             engine, seeds, ended = zip(*state, strict=True) if state else ((), (), ())
+            for each in engine:
+                self._design_space.validate(each.design)
             before = self._seeds, self._ended
             self._forget()
             try:

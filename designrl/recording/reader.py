@@ -65,11 +65,13 @@ class Recording(Scan):
 
     def __repr__(self) -> str:
         about = self.metadata.get("experiment", "nothing that we know")[:MAX_NAME]
-        return printable(f"<{_KINDS[self.kind].capitalize()} of {about}, {self.path}>")
+        nothing = self.kind == ROLLOUT and not self.topics.get("/reward")
+        without = " without steps" if nothing else ""
+        return printable(f"<{_KINDS[self.kind].capitalize()} of {about}{without}, {self.path}>")
 
     def _repr_html_(self) -> str | None:
         """What a notebook shows: a rollout's film."""
-        if self.kind != ROLLOUT:
+        if self.kind != ROLLOUT or not self.topics.get("/reward"):
             return None
         from designrl.recording.film import html
 
