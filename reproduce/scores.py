@@ -86,8 +86,9 @@ def rewards_small_legs(experiment: str) -> bool:
 
 def used_versions() -> dict[str, str]:
     """Versions of this package and of the libraries that a score depends on."""
-    names = ("designrl", "box2d-py", "gymnasium", "numpy", "pybullet")
-    return {name: versions()[name] for name in names}
+    names = ("designrl", "box2d-py", "box2d", "gymnasium", "numpy", "pybullet")
+    found = versions()  # of Box2D one package or the other
+    return {name: found[name] for name in names if name in found}
 
 
 def scoring_note(backend: str) -> str:
