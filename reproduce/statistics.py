@@ -151,7 +151,7 @@ def pairs(means: Means, ours: list[Score]) -> Table:
         for source, b in means[with_].items():
             a = means[without][source]
             if source == AT_PAPERS and min(len(a), len(b)) < 2:
-                short.append(f"{letters}: {len(b)} and {len(a)}")
+                short.append(f"{letters}: {len(b)} and {len(a)}" if len(a) + len(b) else "")
                 continue
             numbers, words = ["", "", ""], "no runs of both yet"
             if len(a) and len(b):
@@ -200,9 +200,11 @@ def too_few(short: list[str]) -> list[str]:
     """A sentence on the pairs that have too few runs at the paper's settings."""
     if not short:
         return []
+    found = "; ".join(filter(None, short))
+    there = f"There are, with and without, for {found}." if found else "None is finished yet."
     return [
         "At the paper's settings a comparison needs two of our runs with a learned body and two "
-        f"without. There are, with and without, for {'; '.join(short)}."
+        f"without. {there}"
     ]
 
 
