@@ -120,6 +120,9 @@ class ProcessWorkers:
     def __init__(self, count: int):
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             sys.exit(1)  # this is a worker that runs an unguarded script; its parent says so
+        main = sys.modules["__main__"]
+        if getattr(main, "__file__", None) == "<stdin>":  # `python - < script`
+            del main.__file__  # a worker would look for it
         self.count = count
         # Not "fork": a forked child shares PyBullet clients and the locks of torch's threads.
         self._context = multiprocessing.get_context("forkserver")

@@ -289,7 +289,8 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
     assert "processes do not start" in last and 'if __name__ == "__main__":' in last
 
 
-def test_an_environment_of_a_notebook_runs_in_worker_processes_too():
+@pytest.mark.parametrize("way", ["-c", "-"], ids=["notebook", "stdin"])
+def test_an_environment_of_a_notebook_runs_in_worker_processes_too(way):
     code = (  # whose classes no other process can import
         "import dataclasses, gymnasium, numpy as np\n"
         "from designrl.envs.walker import Walker\n"
@@ -303,7 +304,8 @@ def test_an_environment_of_a_notebook_runs_in_worker_processes_too():
         "    with Simulator(mine, 'reference', workers=workers) as simulator:\n"
         "        print(simulator.rollout(candidates, seeds).returns.tolist())\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    command = [sys.executable, way, *([code] if way == "-c" else [])]
+    done = subprocess.run(command, input=code, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     alone, beside = done.stdout.splitlines()
     assert alone == beside
