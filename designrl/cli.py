@@ -258,7 +258,7 @@ def _evaluate(args) -> None:
     from designrl.evaluation import evaluate, worst
 
     if args.output:
-        from designrl.recording.table import check_target, write_table
+        from designrl.columns import check_target, write_table
 
         check_target(args.output)
     if args.worst is not None:
@@ -459,7 +459,7 @@ def _add_replay(commands) -> None:
 
 def _compare(args) -> None:
     from designrl import compare
-    from designrl.recording.table import SUFFIXES, check_target, write_table
+    from designrl.columns import SUFFIXES, check_target, write_table
 
     as_table = Path(args.output or "").suffix in SUFFIXES
     if args.output:
@@ -516,8 +516,8 @@ def _add_info(commands) -> None:
 
 
 def _export(args) -> None:
-    from designrl.recording import read
-    from designrl.recording.table import check_target, table, write_table
+    from designrl.columns import check_target, write_table
+    from designrl.recording import read, table
 
     check_target(args.output)
     recording = read(args.file)

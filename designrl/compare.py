@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from designrl.columns import Table
 from designrl.errors import InputError, optional
 from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
-from designrl.recording.table import Table, table
+from designrl.recording.table import table
 from designrl.settings import TrainSettings
 
 SUFFIXES = (".png", ".svg", ".pdf")

@@ -29,7 +29,7 @@ COMMANDS = {
     "train biped": "train",
     f"evaluate {NAME} --backend reference": "reference",
     "evaluate ant/seed0 --backend reference": "reference",
-    f"evaluate {NAME} -o a.csv": "view",
+    f"evaluate {NAME} --episodes 1 -o a.parquet": "view",
     f"record {NAME} -o a.mcap": "view",
     f"record {NAME} --video a.webp": "view",
     "replay a.mcap": "view",
@@ -92,11 +92,13 @@ def test_the_base_is_what_pyproject_declares():
 
 
 @needs_engine
-def test_the_base_runs_commands_and_scores_as_all_does(base):
+def test_the_base_runs_commands_and_scores_as_all_does(base, tmp_path):
     assert run(base, "-m", "designrl", "--version")[0].startswith("designrl ")
     assert "biped-hardcore " in run(base, "-m", "designrl", "experiments")[0]
     assert NAME in run(base, "-m", "designrl", "checkpoints")[0]
     assert "sha256" in run(base, "-m", "designrl", "info", NAME)[0]
+    run(base, "-m", "designrl", "evaluate", NAME, "--episodes", "2", "-o", tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text().startswith("episode,seed,score,length\n0,")
     for name in (NAME, "ant-morphology/seed0"):
         said, warned = run(base, "-m", "designrl", "evaluate", name, "--episodes", "2", "--json")
         found = json.loads(said)

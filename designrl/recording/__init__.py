@@ -22,11 +22,12 @@ with optional("recordings", "view"):
 
     import designrl.recording.schema_pb2  # noqa: F401 (an old protobuf refuses it)
 
+from designrl.columns import write_table
 from designrl.recording.mcap_file import RecordingError
 from designrl.recording.reader import Recording, describe, read
 from designrl.recording.rollout import RolloutWriter, record_rollout
 from designrl.recording.run import Generation, RunWriter, thin
-from designrl.recording.table import table, write_table
+from designrl.recording.table import table
 
 __all__ = [
     "Generation",

@@ -1,19 +1,13 @@
-"""Recordings as tables of plain columns: for CSV, Parquet, pandas or a spreadsheet."""
+"""Recordings as plain columns: for `designrl.columns`, pandas or a spreadsheet."""
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
 
-from designrl.errors import InputError, optional
-from designrl.files import require_new, write_atomically
+from designrl.columns import Table
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import ROLLOUT, RUN, RecordingError
 from designrl.recording.reader import Recording, read
-
-SUFFIXES = (".csv", ".parquet")
-Table = dict[str, np.ndarray]
 
 
 def table(path: str | Path | Recording, episodes: bool = False) -> Table:
@@ -114,36 +108,3 @@ def _named(recording: Recording, topic: str, field: str) -> Table:
     if values.ndim != 2 or values.shape[1] != len(names):
         raise RecordingError(f"{topic} in {recording.path} does not fit its names; get it again")
     return dict(zip(names, values.T, strict=True))
-
-
-def check_target(path: str | Path) -> None:
-    """Raise InputError where no table can be written under that name."""
-    if Path(path).suffix not in SUFFIXES:
-        raise InputError(f"{path} would be no table; give it a name in {' or '.join(SUFFIXES)}")
-    require_new(path)
-
-
-def write_table(columns: Table, path: str | Path) -> None:
-    """Write columns as .csv (UTF-8, a header, nothing where a number is NaN) or as .parquet.
-
-    Raises:
-        InputError: another suffix, a file that exists, or that cannot be written.
-    """
-    check_target(path)
-    if Path(path).suffix == ".parquet":
-        with optional("Parquet", "view"):
-            import pyarrow
-            import pyarrow.parquet
-
-        file = pyarrow.BufferOutputStream()
-        pyarrow.parquet.write_table(pyarrow.table(columns), file)
-        write_atomically(path, file.getvalue())
-        return
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    lists = (column.tolist() for column in columns.values())
-    writer.writerows(
-        ["" if value != value else value for value in row] for row in zip(*lists, strict=True)
-    )
-    write_atomically(path, text.getvalue().encode())
