@@ -240,7 +240,8 @@ class EngineVectorEnv(VectorEnv):
                 raise InputError("a state is what get_state() of such environments has returned")
             engine, seeds, ended = zip(*state, strict=True) if state else ((), (), ())
             for each in engine:
-                self._design_space.validate(each.design)
+                if np.shape(each.design) == self._design.shape[1:]:  # or it is of another body
+                    self._design_space.validate(each.design)
             before = self._seeds, self._ended
             self._forget()
             try:
