@@ -91,15 +91,14 @@ def _named_numbers(sub, flag: str, example: str, help: str) -> None:  # noqa: A0
             named = getattr(args, self.dest) or {}
             for text in texts:
                 name, is_one, number = text.rpartition("=")
+                name = name.strip()
                 try:
-                    value = float(number) if is_one else None
+                    value = float(number if is_one else "")
                 except ValueError:
-                    value = None
-                if value is None:
-                    raise InputError(f"{flag} {text!r} is none; write it as {example!r}")
-                if name.strip() in named:
-                    raise InputError(f"{flag} has {name.strip()!r} twice; give it once")
-                named[name.strip()] = value
+                    raise InputError(f"{flag} {text!r} is none; write it as {example!r}") from None
+                if name in named:
+                    raise InputError(f"{flag} has {name!r} twice; give it once")
+                named[name] = value
             setattr(args, self.dest, named)
 
     help += f", as {example!r}; several are allowed"
