@@ -218,6 +218,10 @@ class TrainSettings(ReinforceSettings):
         world = WORLDS.get(experiment.env_id)  # an environment of one's own knows its terms itself
         terms = world.reward_terms if world else tuple(self.reward_weights)
         weights = checked_weights(self.reward_weights, terms)
+        earns = experiment.training_kwargs.get("leg_area_reward")
+        if world and "leg_area" in weights and not earns:
+            name = experiment.name
+            raise InputError(f"{name} earns nothing with leg_area; leave its weight out")
         if self.shaped_rewards and experiment.shaping:
             experiment.shaping.check(weights)
         object.__setattr__(self, "reward_weights", weights or None)

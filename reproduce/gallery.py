@@ -5,8 +5,9 @@
 Writes paper/gallery/EXPERIMENT.webp, a stretch of one typical rollout, and for the walkers on
 hardcore ground fall-EXPERIMENT.webp, the end of the rollout with the lowest score; experiments
 without a checkpoint are skipped. blooper-EXPERIMENT.webp are of runs whose bodies have other limits
-than the paper's. learning-EXPERIMENT.webp shows body and gait come about, where the recording of
-seed 0 has enough distributions. Not part of `make reproduce`: nothing is read from it.
+than the paper's, a typical rollout to 8 s. learning-EXPERIMENT.webp shows body and gait come about,
+where the recording of seed 0 has enough distributions. Not part of `make reproduce`: nothing is
+read from it.
 """
 
 from collections import deque
@@ -29,14 +30,15 @@ from reproduce.tables import mean_and_std
 
 WIDTH = 400  # pixels
 FIRST, LAST = 1.2, 3.6  # s of the rollout
+LAST_OF_BLOOPER = 8.0  # s: long legs fall slowly
 STAGE = 1.8  # s of each stage of learning
 HELD = 15  # pictures that a fall's last one stays
 
 
-def walk(s: Score) -> Iterator[Image.Image]:
-    """Pictures of a typical rollout, with the agent's name and score."""
+def walk(s: Score, last: float = LAST) -> Iterator[Image.Image]:
+    """Pictures of a typical rollout to so many s, with the agent's name and score."""
     for picture, seconds, _ in film(s.agent, typical_seed(s)):
-        if seconds > LAST:
+        if seconds > last:
             return
         if seconds >= FIRST:
             yield drawn(picture, s, mean_and_std(s.mean, s.std))
@@ -86,7 +88,8 @@ def main() -> None:
                 write(path, map(small, pictures), agent)
         for path in bloopers():
             s = sources.score(path, path.parent.name)
-            write(sources.folder / f"gallery/blooper-{path.parent.name}.webp", walk(s), s.agent)
+            target = sources.folder / f"gallery/blooper-{path.parent.name}.webp"
+            write(target, walk(s, LAST_OF_BLOOPER), s.agent)
 
 
 if __name__ == "__main__":

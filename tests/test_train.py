@@ -427,6 +427,7 @@ def test_the_command_has_each_reward_weight_and_those_of_one_are_none():
     [
         ("ant", {"energy": 2.0}, "no reward term 'energy'; there are alive, progress, electricity"),
         ("biped", {"fall": 0.5}, "a fall costs nothing; .* --no-shaped-rewards"),
+        ("biped-morphology", {"leg_area": 2.0}, "biped-morphology earns nothing with leg_area"),
         ("biped", [2.0], "reward-weights is .* must be a mapping"),
     ],
 )
