@@ -1,9 +1,6 @@
 """The published runs: planned by recipe, trained, interrupted, resumed, published, verified."""
 
 import shutil
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -11,6 +8,7 @@ import pytest
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash
 from designrl.settings import TrainSettings
+from designrl.train import TrainingRun
 from reproduce import paths, publish, train_all
 from reproduce.paths import ROOT
 
@@ -23,6 +21,7 @@ def project(tmp_path, monkeypatch):
     (tmp_path / "paper").mkdir()
     shutil.copyfile(ROOT / "paper" / "paper.toml", tmp_path / "paper" / "paper.toml")
     monkeypatch.setattr(paths, "ROOT", tmp_path)
+    monkeypatch.setattr(train_all, "LOOK_SECONDS", 0.05)
     monkeypatch.setattr(publish, "check_settings", lambda *_: None)  # smaller than the recipe's
     return tmp_path
 
@@ -65,14 +64,14 @@ def test_runs_are_trained_side_by_side_published_and_verified(project, capsys):
 
 
 def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
-    run, whole = planned(generations=40), project / "whole"
-    command = [sys.executable, "-m", *run.settings.command().split(), "--out"]
-    subprocess.run([*command, whole], check=True, stderr=subprocess.DEVNULL)
-    process = subprocess.Popen([*command, project / "runs/biped/seed0"], stderr=subprocess.DEVNULL)
-    while not (project / "runs/biped/seed0/best.safetensors").exists():
-        time.sleep(0.01)
-    process.terminate()
-    assert process.wait() == 130
+    def stop(generation):
+        if generation.index == 2:
+            raise KeyboardInterrupt
+
+    run = planned()
+    TrainingRun(run.settings, project / "whole").run()
+    with pytest.raises(KeyboardInterrupt):
+        TrainingRun(run.settings, project / "runs/biped/seed0", on_generation=stop).run()
     train_all.save([run], project / "runs")
     assert sorted(path.name for path in train_all.unfinished(run).iterdir()) == [
         "best.safetensors",
@@ -82,7 +81,7 @@ def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
     train_all.train([run], project / "another place", cores=1)
     assert not train_all.unfinished(run).exists()
     published = (project / "pretrained/biped/seed0").with_suffix(".safetensors")
-    assert file_hash(published) == file_hash(whole / "best.safetensors")
+    assert file_hash(published) == file_hash(project / "whole/best.safetensors")
 
 
 def test_a_run_that_fails_is_named_and_the_others_are_published(project):

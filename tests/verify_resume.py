@@ -23,8 +23,8 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATIONS = 12
-ARGUMENTS = ["biped-morphology", "--population", "6", "--rollouts", "2", "--workers", "2"]
-ARGUMENTS += ["--evaluate-every", "2", "--evaluation-episodes", "3"]
+ARGUMENTS = ["biped-morphology", "--population", "4", "--rollouts", "1", "--workers", "2"]
+ARGUMENTS += ["--evaluate-every", "3", "--evaluation-episodes", "2"]
 ARGUMENTS += ["--generations", str(GENERATIONS)]
 VICTIMS = {
     "reference": ("SIGKILL", "SIGTERM", "SIGINT", "all", "worker", "worker", "worker"),
