@@ -154,6 +154,8 @@ def test_a_tab_names_experiment_seed_and_generation(folder, ant, tmp_path):
     run = f"biped-morphology seed {read(paths[0]).metadata['seed']}"
     named = [run, "biped seed 3, generation 25", "generation 25", "ant-morphology seed 1"]
     assert titles == named
+    titles = layout.tab_titles([read(path) for path in (*paths[1:], *paths[1:3])])
+    assert titles == 2 * [named[1]] + named[3:] + 2 * [named[1]], "short ones would be alike"
 
 
 def test_a_plot_says_what_training_changes_of_the_return(folder, monkeypatch):

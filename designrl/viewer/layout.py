@@ -103,14 +103,15 @@ def comparison_layout(runs: list[Recording], hint: str = "") -> rrb.Container:
 
 
 def tab_titles(recordings: list[Recording]) -> list[str]:
-    """What a recording is of, for each; of one run's, only the first names the run."""
-    titles, before = [], None
-    for recording in recordings:
-        run, *rest = origin(recording)
+    """What a recording is of, for each; of one run's, only the first names it, if that will do."""
+    whole = [origin(recording) for recording in recordings]
+    short, before = [], None
+    for run, *rest in whole:
         named = run != before or not any(rest)
-        titles.append(", ".join(filter(None, (run if named else "", *rest))))
+        short.append((run if named else "", *rest))
         before = run
-    return titles
+    found = [y if short.count(y) == 1 else x for x, y in zip(whole, short, strict=True)]
+    return [", ".join(filter(None, parts)) for parts in found]
 
 
 def origin(recording: Recording) -> tuple[str, str, str]:
