@@ -78,9 +78,9 @@ def _load(args):
     return load(args.file, args.experiment)
 
 
-def _say_file(path: str | Path) -> None:
+def _say_file(path: str | Path, sha256: str | None = None) -> None:
     """Name what was used: a name means another file in another folder or checkout."""
-    remark(f"from {Path(path).absolute()}, sha256 {file_hash(path)}")
+    remark(f"from {Path(path).absolute()}, sha256 {sha256 or file_hash(path)}")
 
 
 def _named_numbers(sub, flag: str, example: str, help: str) -> None:  # noqa: A002
@@ -95,7 +95,10 @@ def _named_numbers(sub, flag: str, example: str, help: str) -> None:  # noqa: A0
                 try:
                     value = float(number if is_one else "")
                 except ValueError:
-                    raise InputError(f"{flag} {text!r} is none; write it as {example!r}") from None
+                    raise InputError(
+                        f"{flag} {text!r} is none; write it as {example!r}, and what is no such "
+                        f"pair before {flag}"
+                    ) from None
                 if name in named:
                     raise InputError(f"{flag} has {name!r} twice; give it once")
                 named[name] = value
@@ -294,7 +297,7 @@ def _evaluate(args) -> None:
         + (f", {option('reward_weights', weights)}" if weights else "")
         + (f", --lidar {args.lidar}" if args.lidar else "")
     )
-    _say_file(agent.file)
+    _say_file(agent.file, agent.sha256)
     if lowest:
         print(f"{'episode':>7} {'seed':>10} {'score':>7} {'steps':>5}  the lowest scores")
     for e in lowest:
@@ -372,7 +375,7 @@ def _record(args) -> None:
         with _bar("picture") as progress:
             score = record_video(agent, args.video, seed, progress, design)
         print(printable(f"{args.video}: one episode, {score:.1f} points"))
-    _say_file(agent.file)
+    _say_file(agent.file, agent.sha256)
 
 
 def _add_record(commands) -> None:
@@ -421,7 +424,8 @@ def _film(args) -> None:
     from designrl.recording import read
     from designrl.video import STAGES, evolution_video
 
-    if len(args.files) > 1 or args.save or args.headless_screenshot or args.web:
+    others = args.save, args.headless_screenshot, args.web or None, args.at, args.bind, args.port
+    if len(args.files) > 1 or any(other is not None for other in others):
         raise InputError("--video films one run and does nothing else; name only its folder")
     _say_file(read(args.files[0]).path)
     with _bar("stage", STAGES) as progress:
@@ -642,3 +646,8 @@ def main(argv: list[str] | None = None) -> None:
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG):
+            raise
+        remark(f"designrl: {error.filename} cannot be used ({error.strerror}); name another place")
+        sys.exit(EXIT_INPUT)

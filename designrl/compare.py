@@ -52,23 +52,26 @@ def labels(runs: list[Recording]) -> list[str]:
     """For each run what its settings have that those of others have not: "population 96, seed 1".
 
     Where nothing differs, and for one alone, the experiment and the seed; runs of equal settings
-    are told apart by their folders.
+    are told apart by their folders, and in one folder by their files.
     """
     chosen, values = zip(*map(_settings, runs), strict=True)
     keys = dict.fromkeys(key for each in chosen for key in each)
     differ = [key for key in keys if len({repr(each.get(key)) for each in chosen}) > 1]
     differ = differ or ["experiment", "seed"]
-    texts = []
+    plain = []
     for own, every in zip(chosen, values, strict=True):
         # Where the recipe is named, it says the rest.
         rest = {} if "recipe" in differ else every
         found = {key: own.get(key, rest.get(key)) for key in differ}
         words = [_words(key, value) for key, value in found.items() if value is not None]
-        texts.append(", ".join(words) or "otherwise the same")
-    return [
-        text if texts.count(text) == 1 else f"{text} ({run.path.parent})"
-        for text, run in zip(texts, runs, strict=True)
-    ]
+        plain.append(", ".join(words) or "otherwise the same")
+    texts = plain
+    for place in (lambda path: path.parent, lambda path: path):
+        texts = [
+            text if texts.count(text) == 1 else f"{own} ({place(run.path)})"
+            for text, own, run in zip(texts, plain, runs, strict=True)
+        ]
+    return texts
 
 
 def _settings(run: Recording) -> tuple[dict, dict]:

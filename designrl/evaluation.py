@@ -12,7 +12,6 @@ import numpy as np
 
 from designrl.design import in_words
 from designrl.errors import InputError
-from designrl.files import file_hash
 from designrl.names import load
 from designrl.numeric import whole_number
 from designrl.policy import Agent
@@ -209,6 +208,6 @@ def evaluate(
         simulator.backend,
         {} if scales is None else agent.experiment.body.design.changes(agent.scales, scales),
         file=str(agent.file) if agent.file else None,
-        sha256=file_hash(agent.file) if agent.file else None,
+        sha256=agent.sha256,
         reward_weights=dict(env_kwargs.get("reward_weights") or {}),
     )

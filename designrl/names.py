@@ -8,6 +8,7 @@ from designrl import checkpoint
 from designrl.author import load_author
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
+from designrl.files import file_hash
 from designrl.policy import Agent
 
 PRETRAINED = Path(__file__).resolve().parent / "pretrained"  # there, if installed from a wheel
@@ -83,7 +84,7 @@ def load(name: str | Path, experiment: str | None = None) -> Agent:
         )
     else:
         agent = load_author(path, get_experiment(experiment))
-    agent.file = path.absolute()
+    agent.file, agent.sha256 = path.absolute(), file_hash(path)
     return agent
 
 

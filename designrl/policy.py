@@ -113,7 +113,7 @@ class Agent:
         space: the limits of its body, where they are not the experiment's.
 
     Attributes:
-        file: that `designrl.load` read it from; None: no file.
+        file, sha256: that `designrl.load` read it from, and its hash then; None: no file.
 
     Raises:
         InputError: a network that the experiment does not have, a wrong number of parameters, or
@@ -153,6 +153,7 @@ class Agent:
         self._noise = _Noise()
 
     file: Path | None = None
+    sha256: str | None = None
 
     def __repr__(self) -> str:
         where = f", from {self.file}" if self.file else ""

@@ -177,6 +177,8 @@ class TrainSettings(ReinforceSettings):
         if recipe not in RECIPES:
             raise InputError(f"recipe is {recipe!r}; it must be one of {', '.join(RECIPES)}")
         base = {**found.paper, **PLAIN_CHANGES} if recipe == "plain" else getattr(found, recipe)
+        if changes.get("adam") is False:  # the recipe's settings of what is left out go with it
+            base = {name: value for name, value in base.items() if name not in ADAM_ALONE}
         return cls(experiment=found.name, **{**base, **changes})
 
     def __post_init__(self):
@@ -254,11 +256,12 @@ class TrainSettings(ReinforceSettings):
         found = []
         for recipe in RECIPES:
             base = vars(TrainSettings.of(self.experiment, recipe, seed=self.seed))
-            changes = [option(name, x) for name, x in vars(self).items() if x != base[name]]
+            changes = {name: x for name, x in vars(self).items() if x != base[name]}
             start = f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"
-            found.append([start, *changes])
-        shortest = min(found, key=len)
-        return " ".join(shortest)
+            words = [start, *(option(name, x) for name, x in changes.items())]
+            # No option says None.
+            found.append((None in changes.values(), len(words), words))
+        return " ".join(min(found)[-1])
 
 
 def option(name: str, value) -> str:

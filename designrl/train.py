@@ -35,6 +35,7 @@ from designrl.names import find, load
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
 from designrl.recording import Generation, RunWriter, record_rollout
+from designrl.recording.mcap_file import uninterrupted
 from designrl.reinforce import Reinforce
 from designrl.run_folder import Progress, RunFolder
 from designrl.settings import TrainSettings
@@ -235,7 +236,9 @@ class TrainingRun:
                         self._save_state(recorder)
                         saved_at = time.perf_counter()
             except KeyboardInterrupt:
-                self._save_state(recorder)
+                with uninterrupted():  # a second one waits
+                    self._save_state(recorder)
+                    self.progress = Progress(**self._snapshot[1]["progress"])  # what is saved
                 raise
             except Exception:
                 with suppress(InputError):  # if it cannot be written, the last save must do

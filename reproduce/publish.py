@@ -9,6 +9,7 @@ steps of a rollout of the agent; all that the run's folder holds is not needed a
 
 import json
 import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -55,21 +56,28 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
         raise InputError(f"{run} is of {agent.experiment.name}; the paper's runs are published")
     recorded = read_run(run / "generations.mcap", agent.experiment.name, agent.metadata["seed"])
     published_scores()  # whatever is wrong with it is said before anything is written
-    check_name(name, run, TrainSettings(**agent.metadata["settings"]))
+    settings = TrainSettings(**agent.metadata["settings"])
+    check_name(name, run, settings)
+    if (done := int(recorded.generation[-1]) + 1) < settings.generations:
+        raise InputError(f"{run} has {done} of {settings.generations} generations; train the rest")
     checkpoint = paths.ROOT / "pretrained" / agent.experiment.name / f"{name}.safetensors"
     content, log = (run / "best.safetensors").read_bytes(), recording_of(checkpoint).parent
     is_it = checkpoint.exists() and checkpoint.read_bytes() == content
     if not is_it and not replace and (checkpoint.exists() or log.exists()):
         there = checkpoint if checkpoint.exists() else log
         raise InputError(f"{there} is of another run, which stays; train one with another seed")
-    shutil.rmtree(log, ignore_errors=True)
-    log.mkdir(parents=True)
     whole = name == WHOLE
     keep = KEPT | ({"/distribution": DISTRIBUTIONS} if whole else {})
-    thin(run / "generations.mcap", log / "generations.mcap", keep)
-    rollout = log / "rollouts" / f"generation{agent.metadata['generation']:05d}.mcap"
-    record_rollout(agent, rollout, SEED, steps=None if whole else ROLLOUT_STEPS)
-    write_atomically(checkpoint, content)
+    rollout = Path("rollouts", f"generation{agent.metadata['generation']:05d}.mcap")
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=log.parent) as folder:  # whole, or not at all
+        new = Path(folder, "new")
+        new.mkdir()
+        thin(run / "generations.mcap", new / "generations.mcap", keep)
+        record_rollout(agent, new / rollout, SEED, steps=None if whole else ROLLOUT_STEPS)
+        write_atomically(checkpoint, content)
+        shutil.rmtree(log, ignore_errors=True)
+        new.rename(log)
     learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
     add_to_index(write_card(checkpoint, agent.experiment.name))
     return f"{checkpoint}, its card, its curve and {log} written"

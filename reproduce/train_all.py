@@ -26,6 +26,7 @@ from designrl.checkpoint import STATE_FORMAT, load, read_tensors
 from designrl.errors import InputError
 from designrl.experiments import get_experiment
 from designrl.files import write_atomically
+from designrl.numeric import whole_number
 from designrl.provenance import core_count
 from designrl.recording import read, thin
 from designrl.recording.run import KEPT
@@ -183,12 +184,14 @@ def train(waiting: list[Planned], folder: Path, cores: int) -> None:
                     active.remove(training)
                     failures += filter(None, [finish(training)])
             time.sleep(LOOK_SECONDS)
-    except KeyboardInterrupt:
+    except BaseException as error:
         for training in active:
             training.process.terminate()  # saves, too; in the background Ctrl-C is ignored
         for training in active:
             training.process.wait()
             training.bar.close()
+        if not isinstance(error, KeyboardInterrupt):
+            raise
         sys.exit(f"train-all: stopped, all is saved in {folder}; the same command goes on")
     if failures:
         sys.exit("\n".join(f"train-all: {failure}" for failure in failures))
@@ -261,7 +264,7 @@ def main() -> None:
         save(left, args.folder)
     else:
         print(f"{len(planned) - len(left)} of {len(planned)} runs are published", flush=True)
-        train(left, args.folder.absolute(), args.cores)
+        train(left, args.folder.absolute(), whole_number("--cores", args.cores, 1))
 
 
 if __name__ == "__main__":

@@ -146,7 +146,10 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),
         ("evaluate agent.safetensors --design height", "--design 'height' is none; write it as"),
-        ("evaluate agent.safetensors --design 0.6", "'0.6' is none; write it as"),
+        (
+            "evaluate --design height=1 agent.safetensors",
+            "and what is no such pair before --design",
+        ),
         ("evaluate agent.safetensors --reward-weight fall=1 fall=2", "has 'fall' twice"),
         ("record agent.safetensors -o r.mcap --design height=1", "no dimension 'height'"),
         ("evaluate biped", "biped is an experiment; name an agent of"),
@@ -157,6 +160,8 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("replay r.mcap --at 3", "--headless-screenshot"),
         ("replay r.mcap --port 80", "those of --web"),
         ("replay r.mcap s.mcap --video r.gif", "films one run"),
+        ("replay r.mcap --video r.gif --at 3", "does nothing else"),
+        (f"info {300 * 'a'}", "cannot be used (File name too long)"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
@@ -237,6 +242,9 @@ def test_what_hides_a_published_agent_is_named(checkpoint, tmp_path, capsys, mon
     main(["evaluate", "biped/seed0", "--episodes", "1", "--json"])
     found = json.loads(capsys.readouterr().out)
     assert (found["file"], found["sha256"]) == (str(hiding), file_hash(hiding))
+    agent = designrl.load("biped/seed0")
+    hiding.unlink()
+    assert designrl.evaluate(agent, episodes=1).sha256 == found["sha256"], "of what was read"
 
 
 def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkeypatch):

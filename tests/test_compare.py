@@ -1,6 +1,7 @@
 """Several runs side by side."""
 
 import csv
+import shutil
 
 import numpy as np
 import pytest
@@ -52,6 +53,10 @@ def test_labels_say_what_differs_and_nothing_else(tmp_path):
     ]
     first, second = labels_of({}, {})
     assert first != second and first.startswith("biped, seed 0 (")
+    folder = write_run(tmp_path / "copied")
+    shutil.copyfile(folder / "generations.mcap", folder / "copy.mcap")
+    of_one = labels(read_runs([folder, folder / "copy.mcap"]))
+    assert of_one == [f"biped, seed 0 ({folder}/{name}.mcap)" for name in ("generations", "copy")]
 
 
 @pytest.mark.parametrize("settings", ["[1", '{"seed": [1], "x": "$"}'])

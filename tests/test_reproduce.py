@@ -681,6 +681,33 @@ def test_a_damaged_run_leaves_what_is_published(published_run, project, name):
     assert contents(project) == before
 
 
+@pytest.mark.parametrize("name", ["thin", "record_rollout", "write_atomically"])
+def test_a_publication_that_fails_leaves_what_is_published(published_run, project, name):
+    run, _ = published_run
+    before = contents(project)
+
+    def fail(*_, **__):
+        raise InputError("the disk is full")
+
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match="is full"):
+        patch.setattr(publish, name, fail)
+        publish.publish(run, "seed0")
+    assert contents(project) == before
+
+
+def test_a_run_that_is_not_at_its_end_is_not_published(project):
+    def stop(generation):
+        if generation.index == 2:
+            raise KeyboardInterrupt
+
+    settings = TrainSettings.of("biped", generations=4, population=4, rollouts=1, evaluate_every=2)
+    with pytest.raises(KeyboardInterrupt):
+        TrainingRun(settings, project / "run", on_generation=stop).run()
+    with pytest.raises(InputError, match="has 3 of 4 generations; train the rest"):
+        publish.publish(project / "run", "paper-seed0")
+    assert not contents(project)
+
+
 @pytest.mark.parametrize("what", ["pretrained", "logs"])
 def test_anothers_run_is_never_touched(published_run, project, what, capsys):
     run, checkpoint = published_run

@@ -23,7 +23,7 @@ from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.policy import Agent
-from designrl.recording import read
+from designrl.recording import RunWriter, read
 from designrl.reinforce import Reinforce
 from designrl.run_folder import RunFolder
 from designrl.settings import ReinforceSettings, TrainSettings
@@ -141,6 +141,27 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     assert "--resume" in errors
     _, metadata = read_tensors(tmp_path / "state.safetensors", STATE_FORMAT)
     assert metadata["experiment"] == "biped"
+
+
+def test_what_is_said_after_ctrl_c_is_what_is_saved(tmp_path, monkeypatch):
+    def generation(folder: str, signals: int) -> int:
+        def interrupt(*_):
+            raise KeyboardInterrupt
+
+        flush = RunWriter.flush
+        run = TrainingRun(settings(evaluate_every=3), tmp_path / folder, backend="reference")
+        with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(run, "_evaluate", interrupt)  # of generation 3, which is not whole then
+            if signals > 1:
+                patch.setattr(
+                    RunWriter, "flush", lambda w: (signal.raise_signal(signal.SIGINT), flush(w))
+                )
+            run.run()
+        _, about = read_tensors(tmp_path / folder / "state.safetensors", STATE_FORMAT)
+        assert about["progress"]["generation"] == run.progress.generation
+        return run.progress.generation
+
+    assert generation("once", 1) == generation("twice", 2) == 2
 
 
 def test_a_pair_of_candidates_meets_the_same_episodes(tmp_path):
@@ -412,6 +433,14 @@ def test_a_runs_reward_weights_are_in_its_evaluations_checkpoint_and_recordings(
     assert rollout.about("reward_weights") == weights
     with pytest.raises(InputError, match="with reward_weights = .*'energy': 2.0.*, not None"):
         train(tmp_path, resume=True, generations=3, shaped_rewards=False)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_plain_step_goes_with_every_recipe_and_every_command_can_run(name):
+    for recipe in ("paper", "ours"):
+        plain = TrainSettings.of(name, recipe, adam=False)
+        assert "--no-adam" in plain.command() or "--recipe plain" in plain.command()
+        assert " None" not in TrainSettings.of(name, recipe, evaluation_episodes=None).command()
 
 
 def test_the_command_has_each_reward_weight_and_those_of_one_are_none():

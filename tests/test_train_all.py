@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash
 from designrl.settings import TrainSettings
@@ -82,6 +83,12 @@ def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
     assert not train_all.unfinished(run).exists()
     published = (project / "pretrained/biped/seed0").with_suffix(".safetensors")
     assert file_hash(published) == file_hash(project / "whole/best.safetensors")
+
+
+def test_no_core_trains_nothing(project, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["train_all", "--cores", "0"])
+    with pytest.raises(InputError, match="--cores is 0; it must be a whole number from 1 on"):
+        train_all.main()
 
 
 def test_a_run_that_fails_is_named_and_the_others_are_published(project):

@@ -75,6 +75,7 @@ def test_an_evolution_goes_from_the_first_generation_to_the_last(run, tmp_path, 
     assert np.array_equal(agents[0].parameters, mu[0])
     assert np.array_equal(agents[-1].parameters, mu[-1])
     assert 2 < len(agents) == sum(done) <= video.STAGES
+    assert video._strip(600, np.arange(2), np.arange(2.0), 1).height % 2 == 0  # as .mp4 wants it
     assert len(frames_of(tmp_path / "a.gif")) == 3 * len(agents)  # steps 1, 3 and 5 of 0.02 s
 
 

@@ -194,7 +194,8 @@ def test_a_picture_is_of_the_chosen_moment(folder, tmp_path, monkeypatch):
         assert taken[-1] == expected
     for path, at, text in ((folder, 12, "0 to 11 generations"), (rollout, -1, "--at is -1")):
         with pytest.raises(InputError, match=text):
-            viewer.replay([path], screenshot=tmp_path / "x.png", at=at)
+            viewer.replay([path], tmp_path / "x.rrd", tmp_path / "x.png", at=at)
+        assert not (tmp_path / "x.rrd").exists()
 
 
 def test_several_runs_are_drawn_over_each_other(folder, tmp_path):

@@ -21,7 +21,6 @@ from designrl.errors import InputError, optional, remark
 
 with optional("the viewer", "view"):
     import rerun as rr
-    import rerun.blueprint as rrb
     import rerun.experimental  # noqa: F401
 
 from designrl.files import require_new, write_atomically
@@ -65,15 +64,15 @@ def replay(
     targets = [Path(path) for path in (save, screenshot) if path is not None]
     _check_targets(targets, paths)
     recordings = _read_usable(paths)
-    names = unique_names([recording.path for recording in recordings])
-    layout = blueprint(recordings, names, for_picture=screenshot is not None)
+    moment = _moment(recordings[0], at)  # refuses it before anything is written
     if not targets and not web:
         require_display()
-    rrd = _as_rrd(recordings, names, layout)
+    rrd = _as_rrd(recordings)
     if save is not None:
         write_atomically(save, rrd)
     if screenshot is not None:
-        write_atomically(screenshot, take_picture(rrd, *_moment(recordings[0], at)))
+        picture = take_picture(_as_rrd(recordings, for_picture=True), *moment)
+        write_atomically(screenshot, picture)
     for recording in recordings:
         say(recording.path)
     if web is not None:
@@ -93,7 +92,9 @@ def _open_window(rrd: bytes) -> None:
         )
 
 
-def _as_rrd(recordings: list[Recording], names: list[str], layout: rrb.Blueprint) -> bytes:
+def _as_rrd(recordings: list[Recording], for_picture: bool = False) -> bytes:
+    names = unique_names([recording.path for recording in recordings])
+    layout = blueprint(recordings, names, for_picture)
     # Not straight to a file: Rerun would leave a torn one where the disk is full.
     stream = rr.RecordingStream("designrl")
     memory = stream.memory_recording()
