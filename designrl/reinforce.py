@@ -47,7 +47,7 @@ def centred_ranks(values: torch.Tensor) -> torch.Tensor:
 
 
 def pair_gradient(fitness: torch.Tensor, epsilon: torch.Tensor) -> torch.Tensor:
-    """Published direction for μ: Σ over pairs of (r⁺ - r⁻) ε; (N,), (N/2, P) -> (P,)."""
+    """The author's direction for μ: Σ over pairs of (r⁺ - r⁻) ε; (N,), (N/2, P) -> (P,)."""
     plus, minus = fitness.chunk(2)
     return (plus - minus) @ epsilon
 
@@ -55,7 +55,7 @@ def pair_gradient(fitness: torch.Tensor, epsilon: torch.Tensor) -> torch.Tensor:
 def pair_sigma_change(
     fitness: torch.Tensor, epsilon: torch.Tensor, sigma: torch.Tensor
 ) -> torch.Tensor:
-    """Published direction for σ, from pair means against the mean of all; (P,).
+    """The author's direction for σ, from pair means against the mean of all; (P,).
 
     Σ over pairs of ((r⁺ + r⁻)/2 - mean r) (ε² - σ²)/σ, divided by N.
     """

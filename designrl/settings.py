@@ -135,7 +135,7 @@ class TrainSettings(ReinforceSettings):
     )
     keep: str = _setting(
         "best",
-        "what is evaluated and kept: the generation's best candidate ('best', as published) or the "
+        "what is evaluated and kept: the generation's best candidate ('best', the author's) or the "
         "distribution's mean ('mean')",
     )
     stop_score: float | None = _setting(

@@ -1,6 +1,6 @@
 """PPO on a body of your choice, with Stable-Baselines3: a start to copy and change.
 
-    python examples/ppo.py
+    python examples/ppo.py    # after make setup-train
 
 Trains briefly and prints the score. `reproduce/train_ppo.py` has settings that learn to
 walk, and what they score is in paper/report.md.

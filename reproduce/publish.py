@@ -173,14 +173,16 @@ def card(s: Score, run: Run) -> str:
     error = 1.96 * s.std / np.sqrt(len(s.returns))
     mean, std = paper()["table3"][experiment.name]
     factor = ", with the reward for smaller legs" * rewards_small_legs(experiment.name)
+    of, theirs = f"({experiment.letter}) of Table 3", f" The paper's ten runs: {mean} ± {std}."
+    if paths.is_blooper(s.path):
+        of, theirs = f"As ({experiment.letter}), in a body of other limits than the paper's", ""
     paragraphs = [
         f"# {experiment.title}, {s.run}",
-        f"({experiment.letter}) of Table 3; `{s.path.name}`, sha256 {s.sha256}.",
+        f"{of}; `{s.path.name}`, sha256 {s.sha256}.",
         f"**Score** {s.mean:.1f} ± {s.std:.1f} over {EPISODES} rollouts (95 % interval of "
         f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; median "
         f"{np.median(s.returns):.1f}, lowest {s.returns.min():.1f}, highest "
-        f"{s.returns.max():.1f}). "
-        f"The paper's ten runs: {mean} ± {std}.",
+        f"{s.returns.max():.1f}).{theirs}",
         f"**Cost** {run.steps_with(s.agent):,} environment steps, {run.core_hours[-1]:.2f} "
         f"core-hours, {run.hours[-1]:.2f} hours on {run.host}. "
         f"Of {run.generation[-1] + 1:,} generations the agent after number {m['generation']:,} is "

@@ -1,6 +1,6 @@
-"""README's first screen: does it hold, in four sentences, and the table of results.
+"""README's first screen: does it hold, in five answers, and the table of results.
 
-Reads paper/tables/table3.csv, paper/paper.toml and hardcore's recordings, and writes the lines
+Reads tables 2 and 3 (.csv), paper/paper.toml and hardcore's recordings, and writes the lines
 between <!-- answers --> and <!-- /answers -->, and between <!-- table3 --> and <!-- /table3 -->, in
 README.md. The scores of the author's weights, which docs/fidelity.md shows, stand in
 paper/author.csv, which ZOO=path makes anew: his files are not ours to publish.
@@ -14,6 +14,7 @@ from tabulate import tabulate
 
 from designrl.errors import InputError
 from designrl.files import write_atomically
+from designrl.settings import TrainSettings
 from reproduce import paths, statistics
 from reproduce.paths import EIGHT, paper, recording_of
 from reproduce.runs import read_published
@@ -26,12 +27,17 @@ START, END = "<!-- table3 -->", "<!-- /table3 -->"
 ANSWERS, ANSWERS_END = "<!-- answers -->", "<!-- /answers -->"
 COLUMNS = {OURS: "our", AT_PAPERS: "papers_settings"}  # how those of table3.csv begin
 AT_SETTINGS = {OURS: "", AT_PAPERS: ", at the paper's settings"}
+RECIPES = "paper", OURS
 HARDCORE = ("biped-hardcore", "biped-hardcore-morphology")
 QUESTIONS = (
     ("Ant", "ant", "ant-morphology"),
     ("Flat ground", "biped", "biped-morphology"),
     ("Hardcore, scores", *HARDCORE),
 )
+SMALL_LEGS = {
+    "on flat ground": "biped-morphology-smaller-leg",
+    "on hardcore": "biped-hardcore-morphology-smaller-leg",
+}
 
 
 def files() -> tuple[Path, Path]:
@@ -40,10 +46,15 @@ def files() -> tuple[Path, Path]:
     return folder / "author.csv", folder / "tables" / "table3.csv"
 
 
+def legs() -> Path:
+    """The leg areas of our runs."""
+    return files()[1].with_name("table2.csv")
+
+
 def reads(sources: Sources) -> list[Path]:
     """The files that the table depends on."""
     read = [path for name in HARDCORE for source in COLUMNS for path in recordings(name, source)]
-    return [*sources.read_for(), files()[1], *read]
+    return [*sources.read_for(), files()[1], legs(), *read]
 
 
 def by_experiment(path: Path) -> dict[str, dict]:
@@ -96,9 +107,9 @@ def table() -> str:
 
 
 def answers() -> str:
-    """Does it hold? A list of four sentences."""
+    """Does it hold? A list."""
     lines = [score_answer(*asked) for asked in QUESTIONS]
-    return "\n".join(f"- {line}" for line in [*lines, speed_answer()])
+    return "\n".join(f"- {line}" for line in [*lines, speed_answer(), small_legs_answer()])
 
 
 def score_answer(topic: str, without: str, with_: str) -> str:
@@ -118,6 +129,9 @@ def score_answer(topic: str, without: str, with_: str) -> str:
             f"{said['difference']:+,.0f} points in our runs ({len(before)} without it, "
             f"{len(after)} with it) and {theirs:+,.0f} in the paper's."
         )
+    of_each = (TrainSettings.of(name, OURS).generations for name in (without, with_))
+    if parts and (longer := np.divide(*of_each)) != 1:
+        parts.append(f"Ours without it had {longer:.2g} times the generations.")
     return " ".join(parts) or f"**{topic}: not known.** There are no runs of both yet."
 
 
@@ -128,12 +142,36 @@ def speed_answer() -> str:
         return "**Hardcore, speed: not known.** There are no runs of both yet."
     printed = paper()["text"]
     theirs = " and ".join(f"{printed[name]['generations']:,}" for name in HARDCORE)
+    paper_s, ours = (
+        s.population * s.rollouts for s in (TrainSettings.of(HARDCORE[1], r) for r in RECIPES)
+    )
     return (
-        f"{' '.join(filter(None, said))} "
-        f"The paper's took {theirs} generations. Solved is 300 points; "
+        f"{' '.join(filter(None, said))} The paper's took {theirs} generations, of "
+        f"{paper_s / ours:.2g} times the episodes. Solved is 300 points; "
         "[for 250 see the study](docs/studies.md"
         "#does-a-learned-body-learn-rough-ground-faster)."
     )
+
+
+def small_legs_answer() -> str:
+    """Whether walkers that are rewarded for small legs score as the paper's, on legs as small."""
+    ours, theirs, parts = our_numbers(OURS), paper(), []
+    if not all(ours[name] for name in SMALL_LEGS.values()):
+        return "**Smaller legs, rewarded: not known.** There are no runs of both yet."
+    with legs().open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["source"].startswith(OURS)]
+    scored, small = True, True
+    for where, name in SMALL_LEGS.items():
+        areas = [float(row["leg_area"]) for row in rows if row["experiment"] == name]
+        mean, area = np.mean(ours[name]), theirs["table2"][name]["leg_area"]
+        scored, small = scored and verdict(name, mean) != "below", small and min(areas) <= area
+        parts.append(
+            f"{where} {mean:.0f} and {theirs['table3'][name][0]} points with legs of "
+            f"{min(areas):.0f} to {max(areas):.0f} % and {area} % of the original area"
+        )
+    answer = ("yes" if small else "in part, our legs are larger") if scored else "no"
+    have = f"Our runs and the paper's have {'; '.join(parts)}"
+    return f"**Smaller legs, rewarded: {answer}.** {have}."
 
 
 def speed(source: str) -> str:

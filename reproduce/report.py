@@ -97,8 +97,10 @@ def total_cost(runs: list[tuple[Score, Run]]) -> str:
     if not runs:
         return "No run is published yet."
     steps, core_hours = total(runs)
-    count = "published run" if len(runs) == 1 else f"{len(runs)} published runs"
-    return f"The {count} took {core_hours:,.0f} core-hours and {steps / 1e9:,.1f} G steps in all."
+    count = "run" if len(runs) == 1 else f"{len(runs)} runs"
+    return (
+        f"The {count} of Table 3 took {core_hours:,.0f} core-hours and {steps / 1e9:,.1f} G steps."
+    )
 
 
 def total(runs: list[tuple[Score, Run]]) -> tuple[int, float]:
@@ -132,7 +134,7 @@ def costs(found: list[tuple[Score, Run | str]]) -> str:
         done = f"{run.generation[-1] + 1:,} ({e.paper['generations']:,})"
         cells = [*spent(*total([(s, run)])), f"{run.hours[-1]:.2f}", solved, theirs]
         rows.append([label, done, *cells])
-    rows.append([f"All {len(runs)} published runs", "", *spent(*total(runs)), "", "", ""])
+    rows.append([f"All {len(runs)} runs", "", *spent(*total(runs)), "", "", ""])
     header = ["Run", "Generations (paper)", "Steps", "Core-hours", "Hours"]
     header += ["Solved: generation; core-hours", "In the paper"]
     return folded(Table("costs", "", header, rows, [], []))

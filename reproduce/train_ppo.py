@@ -4,7 +4,7 @@
     python -m reproduce.train_ppo --design biped-morphology/seed0 --out curve.csv
     python -m reproduce.train_ppo --hardcore --seed 3 --steps 20_000_000 --out curve.csv
 
-Trains Stable-Baselines3's PPO (which `make setup` installs) on a walker and writes its learning
+Trains Stable-Baselines3's PPO (of `make setup-train`) on a walker and writes its learning
 curve. The settings are RL Baselines3 Zoo's for BipedalWalker-v3 and BipedalWalkerHardcore-v3
 (hyperparams/ppo.yml) with larger minibatches, which take several times as many steps a second, and
 on hardcore more environments and a larger learning rate. They were chosen on the original body and

@@ -788,7 +788,7 @@ def test_report_of_a_project_with_a_run(project):
     for name in build.ITEMS:
         build.make(name)
     text = (project / "paper/report.md").read_text()
-    assert "The 2 published runs took 0 core-hours" in text
+    assert "The 2 runs of Table 3 took 0 core-hours" in text
     assert re.search(r"\(f\) Biped Hardcore, seed 0\]\(#origin-f\) +\| 4 \(10,000\)", text)
     assert "{{" not in text and str(project) not in text
     assert "[305](#origin-c)" in text, "numbers link to their origin"
