@@ -9,6 +9,8 @@ Two forms of one class: `PLAIN` is what the paper writes (equations 3 to 5), `AU
 author's code does. The mathematics is in free functions on tensors; the class keeps the state.
 """
 
+import math
+
 import numpy as np
 
 from designrl.errors import InputError, optional
@@ -20,6 +22,7 @@ with optional("training", "train", "make setup-train"):
 
 __all__ = ["PLAIN", "AUTHORS", "Reinforce", "ReinforceSettings"]
 
+ADAM_BETAS, ADAM_EPSILON = (0.99, 0.999), 1e-8  # the author's code
 _NOISE_STREAM = 0  # spawn key of the samples; training's episode seeds have another
 
 
@@ -31,12 +34,19 @@ def log_density_gradients(
     return deviation / sigma**2, (deviation**2 - sigma**2) / sigma**3
 
 
+def weighted_sum(weights: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
+    """Σ over i of weights[i] rows[i], added one after the other; (N,), (N, P) -> (P,)."""
+    # A matrix product adds in an order that depends on the processor. In some thousand generations
+    # its last bit comes to change the last decimal of a candidate, and with it all that follows.
+    return torch.from_numpy((weights.numpy()[:, None] * rows.numpy()).sum(axis=0))
+
+
 def reinforce_gradients(
     returns: torch.Tensor, w: torch.Tensor, mu: torch.Tensor, sigma: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Estimated gradients of J by μ and σ (equation 3): means of R(w) ∇ log N(w), (P,) each."""
     by_mu, by_sigma = log_density_gradients(w, mu, sigma)
-    return returns @ by_mu / len(returns), returns @ by_sigma / len(returns)
+    return weighted_sum(returns, by_mu) / len(w), weighted_sum(returns, by_sigma) / len(w)
 
 
 def centred_ranks(values: torch.Tensor) -> torch.Tensor:
@@ -49,7 +59,7 @@ def centred_ranks(values: torch.Tensor) -> torch.Tensor:
 def pair_gradient(fitness: torch.Tensor, epsilon: torch.Tensor) -> torch.Tensor:
     """The author's direction for μ: Σ over pairs of (r⁺ - r⁻) ε; (N,), (N/2, P) -> (P,)."""
     plus, minus = fitness.chunk(2)
-    return (plus - minus) @ epsilon
+    return weighted_sum(plus - minus, epsilon)
 
 
 def pair_sigma_change(
@@ -61,7 +71,17 @@ def pair_sigma_change(
     """
     plus, minus = fitness.chunk(2)
     advantage = (plus + minus) / 2 - fitness.mean()
-    return advantage @ ((epsilon**2 - sigma**2) / sigma) / len(fitness)
+    return weighted_sum(advantage, (epsilon**2 - sigma**2) / sigma) / len(fitness)
+
+
+def adam_step(gradient: np.ndarray, moments: np.ndarray, t: int) -> tuple[np.ndarray, np.ndarray]:
+    """Step t, from 1, of Adam (Kingma and Ba 2015) at rate 1, (P,), and its moments (2, P)."""
+    # Not torch's: the last bit of its square root depends on the processor, see `weighted_sum`.
+    (m, v), (b1, b2) = moments, ADAM_BETAS
+    m = m + (1 - b1) * (gradient - m)
+    v = v * b2 + (1 - b2) * gradient * gradient
+    step = m / (np.sqrt(v) / math.sqrt(1 - b2**t) + ADAM_EPSILON) / (1 - b1**t)
+    return step, np.stack([m, v])
 
 
 class Reinforce:
@@ -102,18 +122,7 @@ class Reinforce:
         self._candidates: torch.Tensor | None = None
         self.mu = torch.zeros(num_parameters, dtype=torch.float64)
         self.sigma = torch.full_like(self.mu, settings.sigma_start)
-        self._adam_on(self.mu)
-
-    def _adam_on(self, mu: torch.Tensor) -> None:
-        mu.requires_grad_(False)
-        self._adam = torch.optim.Adam(
-            [mu],
-            lr=self.settings.learning_rate,
-            betas=(0.99, 0.999),
-            eps=1e-8,
-            maximize=True,
-            foreach=False,
-        )
+        self._adam = np.zeros((2, num_parameters))
 
     def ask(self) -> torch.Tensor:
         """(N, P) candidates of this generation; asking again gives the same ones."""
@@ -149,9 +158,8 @@ class Reinforce:
             by_mu, by_sigma = reinforce_gradients(fitness, w, self.mu, self.sigma)
         learning_rate = s.learning_rate_at(self.generation)
         if s.adam:
-            self.mu.grad = by_mu
-            self._adam.param_groups[0]["lr"] = learning_rate
-            self._adam.step()
+            step, self._adam = adam_step(by_mu.numpy(), self._adam, self.generation + 1)
+            self.mu = self.mu + learning_rate * torch.from_numpy(step)
             limit = s.sigma_change_max * self.sigma
             change = s.sigma_learning_rate * by_sigma
             self.sigma = self.sigma + torch.clamp(change, -limit, limit)
@@ -171,13 +179,11 @@ class Reinforce:
 
     def state(self) -> dict[str, np.ndarray]:
         """All that `restore` needs, as arrays; the two together lose no bit."""
-        moments = self._adam.state.get(self.mu, {})
-        zeros = torch.zeros_like(self.mu)
         return {
             "mu": self.mu.numpy().copy(),
             "sigma": self.sigma.numpy().copy(),
-            "adam_m": moments.get("exp_avg", zeros).numpy().copy(),
-            "adam_v": moments.get("exp_avg_sq", zeros).numpy().copy(),
+            "adam_m": self._adam[0].copy(),
+            "adam_v": self._adam[1].copy(),
             "generation": np.array(self.generation, dtype=np.int64),
         }
 
@@ -197,11 +203,5 @@ class Reinforce:
         self.generation = int(state["generation"])
         self.mu = torch.from_numpy(state["mu"].copy())
         self.sigma = torch.from_numpy(state["sigma"].copy())
-        self._adam_on(self.mu)
-        if self.settings.adam and self.generation:
-            self._adam.state[self.mu] = {
-                "step": torch.tensor(float(self.generation)),
-                "exp_avg": torch.from_numpy(state["adam_m"].copy()),
-                "exp_avg_sq": torch.from_numpy(state["adam_v"].copy()),
-            }
+        self._adam = np.stack([state["adam_m"], state["adam_v"]])
         self._candidates = None

@@ -1,13 +1,20 @@
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
 
 from designrl.errors import InputError
 from designrl.reinforce import (
+    ADAM_BETAS,
+    ADAM_EPSILON,
     AUTHORS,
     PLAIN,
     Reinforce,
     ReinforceSettings,
+    adam_step,
     centred_ranks,
     log_density_gradients,
     reinforce_gradients,
@@ -89,6 +96,43 @@ def test_mirrored_candidates_lie_around_the_mean_in_pairs():
     optimiser.mu += 2.0
     plus, minus = optimiser.ask().chunk(2)
     torch.testing.assert_close((plus + minus) / 2, optimiser.mu.expand(3, 4))
+
+
+def test_the_step_of_mu_is_adams():
+    rng, t = np.random.default_rng(0), torch.zeros(4, dtype=torch.float64)
+    adam = torch.optim.Adam([t], lr=0.01, betas=ADAM_BETAS, eps=ADAM_EPSILON, maximize=True)
+    moments, ours = np.zeros((2, 4)), np.zeros(4)
+    for k in range(1, 50):
+        gradient = rng.standard_normal(4)
+        t.grad = torch.from_numpy(gradient)
+        adam.step()
+        step, moments = adam_step(gradient, moments, k)
+        ours += 0.01 * step
+        np.testing.assert_allclose(ours, t.numpy(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("settings", [AUTHORS, PLAIN], ids=["authors", "plain"])
+def test_an_update_has_the_same_bits_whatever_the_processor(settings):
+    """MKL, of which torch's products and roots are, adds and rounds otherwise on each."""
+    code = f"""
+import hashlib, numpy as np
+from designrl.reinforce import AUTHORS, PLAIN, Reinforce
+optimiser = Reinforce(2812, 48, {"PLAIN" if settings is PLAIN else "AUTHORS"})
+for generation in range(20):
+    optimiser.tell(np.random.default_rng(generation).standard_normal(48))
+print(hashlib.sha256(b"".join(x.tobytes() for x in optimiser.state().values())).hexdigest())
+"""
+    kinds = {}, {"MKL_CBWR": "AVX2"}, {"MKL_CBWR": "COMPATIBLE"}, {"ATEN_CPU_CAPABILITY": "avx2"}
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, **kind},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for kind in kinds
+    }
+    assert len(found) == 1
 
 
 def test_sigma_stops_decaying_at_its_floor():
