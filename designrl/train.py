@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
@@ -384,7 +384,7 @@ class TrainingRun:
 
     def _take_snapshot(self) -> None:
         # Of whole generations only: an interrupt can come in the middle of an update.
-        metadata = {
+        metadata: dict[str, Any] = {
             "experiment": self.experiment.name,
             "settings": self.settings.as_dict(),
             **self._init_about,
