@@ -261,7 +261,7 @@ class TrainSettings(ReinforceSettings):
             words = [start, *(option(name, x) for name, x in changes.items())]
             # No option says None.
             found.append((None in changes.values(), len(words), words))
-        return " ".join(min(found)[-1])
+        return " ".join(min(found, key=lambda each: each[:2])[-1])
 
 
 def option(name: str, value) -> str:

@@ -30,7 +30,6 @@ with optional("training", "train", "make setup-train"):
 
 from designrl import checkpoint
 from designrl.experiments import Experiment, get_experiment
-from designrl.files import file_hash
 from designrl.names import find, load
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
@@ -162,7 +161,7 @@ class TrainingRun:
                 f"{path} has a body within other limits ({agent.space.in_words}) than this run "
                 f"({space.in_words}); give it the same limits"
             )
-        self._init_hash = file_hash(path)
+        self._init_hash = agent.sha256
         self.optimiser.restore({**self.optimiser.state(), "mu": agent.parameters.copy()})
 
     @property

@@ -27,7 +27,6 @@ START, END = "<!-- table3 -->", "<!-- /table3 -->"
 ANSWERS, ANSWERS_END = "<!-- answers -->", "<!-- /answers -->"
 COLUMNS = {OURS: "our", AT_PAPERS: "papers_settings"}  # how those of table3.csv begin
 AT_SETTINGS = {OURS: "", AT_PAPERS: ", at the paper's settings"}
-RECIPES = "paper", OURS
 HARDCORE = ("biped-hardcore", "biped-hardcore-morphology")
 QUESTIONS = (
     ("Ant", "ant", "ant-morphology"),
@@ -129,7 +128,7 @@ def score_answer(topic: str, without: str, with_: str) -> str:
             f"{said['difference']:+,.0f} points in our runs ({len(before)} without it, "
             f"{len(after)} with it) and {theirs:+,.0f} in the paper's."
         )
-    of_each = (TrainSettings.of(name, OURS).generations for name in (without, with_))
+    of_each = (TrainSettings.of(name, "ours").generations for name in (without, with_))
     if parts and (longer := np.divide(*of_each)) != 1:
         parts.append(f"Ours without it had {longer:.2g} times the generations.")
     return " ".join(parts) or f"**{topic}: not known.** There are no runs of both yet."
@@ -142,12 +141,11 @@ def speed_answer() -> str:
         return "**Hardcore, speed: not known.** There are no runs of both yet."
     printed = paper()["text"]
     theirs = " and ".join(f"{printed[name]['generations']:,}" for name in HARDCORE)
-    paper_s, ours = (
-        s.population * s.rollouts for s in (TrainSettings.of(HARDCORE[1], r) for r in RECIPES)
-    )
+    recipes = (TrainSettings.of(HARDCORE[1], recipe) for recipe in ("paper", "ours"))
+    more = np.divide(*(settings.population * settings.rollouts for settings in recipes))
     return (
         f"{' '.join(filter(None, said))} The paper's took {theirs} generations, of "
-        f"{paper_s / ours:.2g} times the episodes. Solved is 300 points; "
+        f"{more:.2g} times the episodes. Solved is 300 points; "
         "[for 250 see the study](docs/studies.md"
         "#does-a-learned-body-learn-rough-ground-faster)."
     )

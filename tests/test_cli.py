@@ -146,6 +146,7 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ("replay r.mcap --headless-screenshot r.jpg", "name in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),
         ("evaluate agent.safetensors --design height", "--design 'height' is none; write it as"),
+        ("evaluate agent.safetensors --design 0.6", "'0.6' is none; write it as"),
         (
             "evaluate --design height=1 agent.safetensors",
             "and what is no such pair before --design",

@@ -143,7 +143,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
     assert metadata["experiment"] == "biped"
 
 
-def test_what_is_said_after_ctrl_c_is_what_is_saved(tmp_path, monkeypatch):
+def test_what_is_said_after_ctrl_c_is_what_is_saved(tmp_path):
     def generation(folder: str, signals: int) -> int:
         def interrupt(*_):
             raise KeyboardInterrupt

@@ -67,12 +67,12 @@ def replay(
     moment = _moment(recordings[0], at)  # refuses it before anything is written
     if not targets and not web:
         require_display()
-    rrd = _as_rrd(recordings)
     if save is not None:
-        write_atomically(save, rrd)
+        write_atomically(save, _as_rrd(recordings))
     if screenshot is not None:
         picture = take_picture(_as_rrd(recordings, for_picture=True), *moment)
         write_atomically(screenshot, picture)
+    rrd = b"" if targets and web is None else _as_rrd(recordings)
     for recording in recordings:
         say(recording.path)
     if web is not None:
