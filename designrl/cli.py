@@ -11,7 +11,7 @@ import sys
 import typing
 from pathlib import Path
 
-from designrl.design import in_words
+from designrl.design import changes_in_words
 from designrl.errors import InputError, printable, remark
 from designrl.experiments import EXPERIMENTS, RECIPES, get_experiment
 from designrl.files import file_hash, is_locked, read_limited, require_new
@@ -96,8 +96,8 @@ def _named_numbers(sub, flag: str, example: str, help: str) -> None:  # noqa: A0
                     value = float(number if is_one else "")
                 except ValueError:
                     raise InputError(
-                        f"{flag} {text!r} is none; write it as {example!r}, and what is no such "
-                        f"pair before {flag}"
+                        f"{flag} takes NAME=X, as {example!r}; {text!r} is not that. Put files "
+                        f"and names before {flag}"
                     ) from None
                 if name in named:
                     raise InputError(f"{flag} has {name!r} twice; give it once")
@@ -119,7 +119,7 @@ def _reward_weights(sub) -> None:
 
 def _require_suffix(path: str, suffix: str) -> None:
     if Path(path).suffix != suffix:
-        raise InputError(f"{path} would not be opened as what it is; give it a name in {suffix}")
+        raise InputError(f"{path} must end in {suffix}")
 
 
 def _experiments(_args) -> None:
@@ -140,15 +140,6 @@ def _experiments(_args) -> None:
             ]
             print(f"{about:66} {recipe + ':':7}{', '.join(words)}")
             about = ""
-
-
-def _add_experiments(commands) -> None:
-    _command(
-        commands,
-        "experiments",
-        _experiments,
-        "list the experiments with the paper's settings and ours",
-    )
 
 
 def settings_of(args) -> TrainSettings:
@@ -293,7 +284,7 @@ def _evaluate(args) -> None:
         f"{summary['experiment']}: {summary['mean']:.1f} ± {summary['std']:.1f} over "
         f"{summary['episodes']} episodes (min {summary['min']:.1f}, max {summary['max']:.1f}), "
         f"{summary['steps']:,} steps in {summary['seconds']:.1f} s on the {result.backend}"
-        + (f"; not in its own body: {in_words(result.changed)}" if result.changed else "")
+        + (f"; not in its own body: {changes_in_words(result.changed)}" if result.changed else "")
         + (f", {option('reward_weights', weights)}" if weights else "")
         + (f", --lidar {args.lidar}" if args.lidar else "")
     )
@@ -578,15 +569,6 @@ def _checkpoints(_args) -> None:
         )
 
 
-def _add_checkpoints(commands) -> None:
-    _command(
-        commands,
-        "checkpoints",
-        _checkpoints,
-        "list the published agents and their scores, beside the paper's",
-    )
-
-
 class Parser(argparse.ArgumentParser):
     """One that says what is wrong in one sentence."""
 
@@ -610,7 +592,8 @@ def parser() -> Parser:
     )
     top.add_argument("--version", action="version", version=f"designrl {VERSION}")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
-    _add_experiments(commands)
+    about = "list the experiments with the paper's settings and ours"
+    _command(commands, "experiments", _experiments, about)
     _add_train(commands)
     _add_evaluate(commands)
     _add_import(commands)
@@ -620,7 +603,8 @@ def parser() -> Parser:
     _add_export(commands)
     _add_publish(commands)
     _add_info(commands)
-    _add_checkpoints(commands)
+    about = "list the published agents and their scores, beside the paper's"
+    _command(commands, "checkpoints", _checkpoints, about)
     return top
 
 

@@ -8,7 +8,6 @@ write_table(data, "curves.csv")
 """
 
 import io
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -81,16 +80,10 @@ def _settings(run: Recording) -> tuple[dict, dict]:
     if not settings:
         return about, about
     try:
-        words = shlex.split(TrainSettings(**all_of_them).command())[3:]
+        recipe, changes = TrainSettings(**all_of_them).nearest()
     except (InputError, TypeError):  # another version's
         return all_of_them, all_of_them
-    for word, after in zip(words, [*words[1:], ""], strict=True):
-        if word.startswith("--"):
-            key = word.removeprefix("--").replace("-", "_")
-            key = {"reward_weight": "reward_weights"}.get(key, key)
-            key = key if key == "recipe" or key in all_of_them else key.removeprefix("no_")
-            about[key] = all_of_them.get(key, after)  # the recipe is none of them
-    return about, all_of_them
+    return {**about, "recipe": recipe, "seed": settings.get("seed", 0), **changes}, all_of_them
 
 
 def _words(key: str, value) -> str:
@@ -197,7 +190,7 @@ def picture(data: Table, path: str | Path, title: str = "") -> None:
                 color=COLORS[i % len(COLORS)],
                 marker="." if drawn.sum() == 1 else None,
                 linewidth=1.2,
-                label=label.replace("$", r"\$"),
+                label=_plain(label),
                 **how,
             )
     if title:

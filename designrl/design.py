@@ -175,7 +175,7 @@ class DesignSpace:
         return {name: scale for name, mine, scale in every if scale != mine}
 
 
-def in_words(changes: Mapping[str, float]) -> str:
+def changes_in_words(changes: Mapping[str, float]) -> str:
     """`DesignSpace.changes` as a title has it; of more than three, how many."""
     if len(changes) > 3:
         return f"{len(changes)} dimensions changed"

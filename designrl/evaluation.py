@@ -10,7 +10,7 @@ from typing import NamedTuple
 import gymnasium
 import numpy as np
 
-from designrl.design import in_words
+from designrl.design import changes_in_words
 from designrl.errors import InputError
 from designrl.names import load
 from designrl.numeric import whole_number
@@ -49,7 +49,7 @@ class Evaluation:
     sha256: str | None = None
 
     def __repr__(self) -> str:
-        changed = f", not in its own body: {in_words(self.changed)}" if self.changed else ""
+        changed = f", not in its own body: {changes_in_words(self.changed)}" if self.changed else ""
         weights = f", reward weights {self.reward_weights}" if self.reward_weights else ""
         return (
             f"<Evaluation of {self.experiment}: {self.scores.mean():.1f} ± {self.scores.std():.1f} "

@@ -253,15 +253,18 @@ class TrainSettings(ReinforceSettings):
 
     def command(self) -> str:
         """The shortest command that gives this run's result."""
+        recipe, changes = self.nearest()
+        start = f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"
+        return " ".join([start, *(option(name, x) for name, x in changes.items())])
+
+    def nearest(self) -> tuple[str, dict]:
+        """The recipe from which the fewest settings differ, and these."""
         found = []
         for recipe in RECIPES:
             base = vars(TrainSettings.of(self.experiment, recipe, seed=self.seed))
-            changes = {name: x for name, x in vars(self).items() if x != base[name]}
-            start = f"designrl train {self.experiment} --recipe {recipe} --seed {self.seed}"
-            words = [start, *(option(name, x) for name, x in changes.items())]
-            # No option says None.
-            found.append((None in changes.values(), len(words), words))
-        return " ".join(min(found, key=lambda each: each[:2])[-1])
+            found.append((recipe, {name: x for name, x in vars(self).items() if x != base[name]}))
+        # No option says None.
+        return min(found, key=lambda each: (None in each[1].values(), len(each[1])))
 
 
 def option(name: str, value) -> str:

@@ -120,6 +120,7 @@ class TrainingRun:
             self.experiment.num_parameters, settings.population, settings, settings.seed
         )
         self.progress = Progress()
+        self._status = ""  # what the bar says of the last generation
         self._folder = RunFolder(out)
         self._open()
 
@@ -289,8 +290,6 @@ class TrainingRun:
         bar.set_postfix_str(self._status, refresh=False)
         bar.update()
         return recorded
-
-    _status = ""
 
     def _evaluate(self, simulator: Simulator, recorder: RunWriter, parameters: np.ndarray) -> None:
         """Score an agent as the author did; keep it if it is the best so far.

@@ -13,7 +13,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
-from designrl.design import in_words
+from designrl.design import changes_in_words
 from designrl.errors import InputError, optional
 from designrl.experiments import get_experiment
 from designrl.files import require_new, write_atomically
@@ -63,7 +63,7 @@ def record_video(
     """
     check_target(path)
     score, scales = 0.0, agent.body_with(design)
-    changes = in_words(agent.experiment.body.design.changes(agent.scales, scales))
+    changes = changes_in_words(agent.experiment.body.design.changes(agent.scales, scales))
     title = ", ".join(filter(None, (name_of(agent), changes)))
 
     def frames() -> Iterator[Image.Image]:

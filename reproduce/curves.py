@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from designrl.errors import InputError
 from reproduce import drawing, paths
-from reproduce.paths import EIGHT, paper, recordings, shown
+from reproduce.paths import EIGHT, paper, recordings
 from reproduce.runs import SOLVED, Run, read_published
 from reproduce.scores import rewards_small_legs
 from reproduce.sources import Sources
@@ -63,19 +62,6 @@ def reads(sources: Sources) -> list[Path]:
     return [paths.ROOT / "paper" / "paper.toml", *found]
 
 
-def read_runs(experiment: str, label: str) -> tuple[list[Run], list[str]]:
-    """An experiment's runs, and what cannot be drawn, in words."""
-    missing = [] if recordings(experiment) else [f"{label}: no recording yet"]
-    runs = []
-    for path in recordings(experiment):
-        try:
-            runs.append(read_published(path))
-        except InputError as error:
-            said = str(error).replace(str(path), shown(path))
-            missing.append(f"{label}, {path.parent.name}: not drawn ({said})")
-    return runs, missing
-
-
 def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colour: str) -> None:
     """Draw an experiment's runs over one of AXES: the population above, evaluations below."""
     for run in runs:
@@ -110,11 +96,11 @@ def mark_paper(axes: Axes, axis: str, experiment: str, label: str, colour: str) 
 def curves(experiments: tuple[str, ...]) -> Figure:
     """The learning curves of some experiments: two panels for each of AXES."""
     labels = {name: LABELS.get(name, EIGHT[name].title) for name in experiments}
-    found = {name: read_runs(name, label) for name, label in labels.items()}
+    found = {name: [read_published(path) for path in recordings(name)] for name in experiments}
     figure = Figure(figsize=(drawing.WIDTH, 3.9), layout="constrained")
     panels = figure.subplots(2, len(AXES), sharex="col", sharey="row")
     for axis, (above, below) in zip(AXES, panels.T, strict=True):
-        for (name, (runs, _)), colour in zip(found.items(), COLOURS, strict=True):
+        for (name, runs), colour in zip(found.items(), COLOURS, strict=True):
             draw(above, below, axis, runs, labels[name], colour)
         for axes in (above, below):
             if not axes.lines:
@@ -132,9 +118,6 @@ def curves(experiments: tuple[str, ...]) -> Figure:
         axes.set_ylabel(label)
     _, texts = panels[1, 0].get_legend_handles_labels()
     drawing.legend(figure, panels[1, 0], ncols=2 if max(map(len, texts), default=0) < 50 else 1)
-    notes = [note for _, missing in found.values() for note in missing]
-    if notes:
-        figure.suptitle("; ".join(notes), fontsize=7, color="#B00000")
     return figure
 
 

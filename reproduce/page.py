@@ -28,6 +28,7 @@ from designrl.evaluation import episode_seeds
 from designrl.files import write_atomically
 from designrl.policy import noise_stds
 from designrl.recording import read
+from designrl.settings import TrainSettings
 from reproduce import scores
 from reproduce.paths import EIGHT, ROOT, pretrained, recording_of, recordings
 from reproduce.program import program
@@ -297,8 +298,7 @@ def run_tables(found: dict[str, Score]) -> str:
         for path in sorted((ROOT / "pretrained" / experiment.name).glob("*.safetensors")):
             name = f"{experiment.name}/{path.stem}"
             card = path.with_suffix(".md")
-            text = card.read_text() if card.is_file() else ""
-            links = [f"[card](../../pretrained/{name}.md)"] if text else []
+            links = [f"[card](../../pretrained/{name}.md)"] if card.is_file() else []
             if path.with_suffix(".png").is_file():
                 links.append(f"[curve](../../pretrained/{name}.png)")
             if recording_of(path).is_file():
@@ -307,7 +307,9 @@ def run_tables(found: dict[str, Score]) -> str:
             score = f"{found[name].mean:.1f} ± {found[name].std:.1f}" if name in found else ""
             cells = [path.stem, score, ", ".join(links), watch]
             rows.append(f"| {' | '.join(cells)} | |")
-            commands |= set(re.findall(r"^designrl train .*?(?= --seed)", text, re.M))
+            if name in found:
+                settings = TrainSettings(**found[name].agent.metadata["settings"])
+                commands.add(settings.command().partition(" --seed")[0])
         if len(rows) == 2:
             continue
         table = markdown.markdown("\n".join(rows), extensions=["tables"])

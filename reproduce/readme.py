@@ -16,6 +16,7 @@ from designrl.errors import InputError
 from designrl.files import write_atomically
 from designrl.settings import TrainSettings
 from reproduce import paths, statistics
+from reproduce.curves import HARDCORE
 from reproduce.paths import EIGHT, paper, recording_of
 from reproduce.runs import read_published
 from reproduce.scores import EPISODES, SEED
@@ -27,7 +28,6 @@ START, END = "<!-- table3 -->", "<!-- /table3 -->"
 ANSWERS, ANSWERS_END = "<!-- answers -->", "<!-- /answers -->"
 COLUMNS = {OURS: "our", AT_PAPERS: "papers_settings"}  # how those of table3.csv begin
 AT_SETTINGS = {OURS: "", AT_PAPERS: ", at the paper's settings"}
-HARDCORE = ("biped-hardcore", "biped-hardcore-morphology")
 QUESTIONS = (
     ("Ant", "ant", "ant-morphology"),
     ("Flat ground", "biped", "biped-morphology"),
@@ -52,7 +52,7 @@ def legs() -> Path:
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the table depends on."""
-    read = [path for name in HARDCORE for source in COLUMNS for path in recordings(name, source)]
+    read = [path for name in HARDCORE for source in COLUMNS for path in recordings_of(name, source)]
     return [*sources.read_for(), files()[1], legs(), *read]
 
 
@@ -176,7 +176,7 @@ def speed(source: str) -> str:
     """What our runs of one source say of that; empty where there are too few."""
     parts, solved_at = [], []
     for name, words in zip(HARDCORE, ("the original body", "a learned body"), strict=True):
-        runs = [read_published(path) for path in recordings(name, source) if path.exists()]
+        runs = [read_published(path) for path in recordings_of(name, source) if path.exists()]
         if len(runs) < (1 if source == OURS else 2):
             return ""
         at = [np.inf if run.solved_at() is None else run.solved_at() + 1 for run in runs]
@@ -196,7 +196,7 @@ def speed(source: str) -> str:
     return f"**Hardcore, speed{AT_SETTINGS[source]}: {answer}.** {', '.join(parts)}."
 
 
-def recordings(experiment: str, source: str) -> list[Path]:
+def recordings_of(experiment: str, source: str) -> list[Path]:
     """Those of our runs of an experiment, of one source."""
     return [recording_of(path) for path in our_runs(experiment)[source].values()]
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from designrl.errors import InputError
 from designrl.files import write_atomically
 from reproduce import build, curves, figure5, paths, readme, studies, table2, transfer
 from reproduce.paths import EIGHT, paper, recording_of, shown
@@ -79,17 +78,11 @@ def answers() -> str:
     return readme.answers().replace("](docs/", "](../docs/")
 
 
-def recorded(ours: dict[str, list[Score]]) -> list[tuple[Score, Run | str]]:
-    """Our runs with their recordings, or what is wrong with these."""
-    found = []
-    for s in (s for runs in ours.values() for s in usable(runs)):
-        log = recording_of(s.path)
-        try:
-            found.append((s, read_published(log)))
-        except InputError as error:
-            said = str(error).replace(str(log), shown(log)) if log.exists() else "no recording"
-            found.append((s, said))
-    return found
+def recorded(ours: dict[str, list[Score]]) -> list[tuple[Score, Run]]:
+    """Our runs that have a recording, with that."""
+    found = [s for runs in ours.values() for s in usable(runs)]
+    logs = [(s, recording_of(s.path)) for s in found]
+    return [(s, read_published(log)) for s, log in logs if log.exists()]
 
 
 def total_cost(runs: list[tuple[Score, Run]]) -> str:
@@ -110,19 +103,16 @@ def total(runs: list[tuple[Score, Run]]) -> tuple[int, float]:
     return steps, sum(run.core_hours[-1] for _, run in runs)
 
 
-def costs(found: list[tuple[Score, Run | str]]) -> str:
+def costs(runs: list[tuple[Score, Run]]) -> str:
     """A table of what each run cost and when it had solved its task, beside the paper's."""
 
     def spent(steps: float, core_hours: float) -> list[str]:
         return [f"{steps / 1e6:,.0f} M", f"{core_hours:.2f}"]
 
-    rows, runs = [], [(s, run) for s, run in found if isinstance(run, Run)]
-    for s, run in found:
+    rows = []
+    for s, run in runs:
         e, solved, theirs = s.agent.experiment, "", ""
         label = Cell(f"{title(e.name)}, {s.run}", e.name)
-        if not isinstance(run, Run):
-            rows.append([label, run, *[""] * 5])
-            continue
         if e.name in table2.WALKERS and not rewards_small_legs(e.name):
             at, solved = run.solved_at(), "no"
             if at is not None:  # a generation's number counts the updates by then, as a card does
@@ -165,12 +155,11 @@ def main(sources: Sources) -> list[Path]:
         name: [s for source in (OURS, AT_PAPERS) for s in found[source].values()]
         for name, found in sources.by_source(*EIGHT).items()
     }
-    found = recorded(ours)
-    runs = [(s, run) for s, run in found if isinstance(run, Run)]
+    runs = recorded(ours)
     parts = {
         "answers": answers(),
         "total_cost": total_cost(runs),
-        "costs": costs(found),
+        "costs": costs(runs),
         "author_log_answer": studies.author_log_answer(),
         "transfer_answer": transfer.answer(),
         "origins": origins(ours),

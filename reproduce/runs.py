@@ -8,7 +8,7 @@ import numpy as np
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import read
-from reproduce.paths import seed_of
+from reproduce.paths import at_papers_settings, seed_of
 
 SOLVED = 300.0  # points, for the walkers
 
@@ -84,7 +84,7 @@ def read_run(path: Path, experiment: str, seed: int) -> Run:
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
     return Run(
-        papers=path.parent.name.startswith("paper-"),
+        papers=at_papers_settings(path.parent),
         host=recording.metadata.get("host", "an unknown machine"),
         generation=generation,
         steps=steps,

@@ -204,10 +204,7 @@ def compare_with_reference(played: list[Score], workers: ProcessWorkers) -> None
         InputError: a return differs.
     """
     tasks = [(i,) for i in range(len(played))]
-    agents = [
-        (s.agent.experiment.name, s.agent.network, s.agent.parameters, s.agent.space)
-        for s in played
-    ]
+    agents = [s.agent for s in played]
     for i, returns in workers.run(on_reference, agents, tasks, REFERENCE_SECONDS):
         ours = played[i].returns[ON_REFERENCE]
         for at in np.flatnonzero(ours != returns):
@@ -218,12 +215,12 @@ def compare_with_reference(played: list[Score], workers: ProcessWorkers) -> None
             )
 
 
-def on_reference(about: tuple) -> np.ndarray:
+def on_reference(agent: Agent) -> np.ndarray:
     """The returns of some episodes of an agent in the reference environment."""
-    experiment, network, parameters, space = about
-    with Simulator(experiment, "reference", network, space=space) as simulator:
+    about = agent.experiment, "reference", agent.network
+    with Simulator(*about, space=agent.space) as simulator:
         seeds = episode_seeds(SEED, EPISODES)[ON_REFERENCE]
-        return simulator.rollout(parameters[None], seeds[None]).returns[0]
+        return simulator.rollout(agent.parameters[None], seeds[None]).returns[0]
 
 
 def usable(found: Iterable[Score]) -> list[Score]:

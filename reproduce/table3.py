@@ -46,9 +46,9 @@ def summary(prefix: str, runs: list[Score]) -> dict:
     }
 
 
-def of_runs(runs: list[Score], none: str) -> str:
-    """`over_runs` of scores; `none` where there are none."""
-    return over_runs([s.mean for s in runs], [s.std for s in runs]) if runs else none
+def of_runs(runs: list[Score]) -> str:
+    """`over_runs` of scores."""
+    return over_runs([s.mean for s in runs], [s.std for s in runs])
 
 
 def std_over_runs(means: list[float]) -> float:
@@ -89,9 +89,8 @@ def tables(sources: Sources) -> list[Table]:
         paper_mean, paper_std = printed["table3"][name]
         cells = [f"({experiment.letter})", experiment.title]
         cells += [Cell(f"{paper_mean} ± {paper_std}", PAPER)]
-        cells += [Cell(of_runs(recipe, "-"), name) if recipe else "-", str(len(recipe))]
-        at_papers = f"{of_runs(papers, '')} ({len(papers)})"
-        cells += [Cell(at_papers, name) if papers else "–", words]
+        cells += [Cell(of_runs(recipe), name) if recipe else "-", str(len(recipe))]
+        cells += [Cell(f"{of_runs(papers)} ({len(papers)})", name) if papers else "–", words]
         record = {"experiment": name, "paper_mean": paper_mean, "paper_std_over_runs": paper_std}
         record |= summary("our", recipe) | summary("papers_settings", papers)
         if sources.zoo:

@@ -22,19 +22,17 @@ import time
 from functools import partial
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import designrl
 from designrl.bodies.walker import WALKER
 from designrl.envs.sb3 import EngineVecEnv
-from designrl.envs.tasks import engine_reason
-from designrl.errors import InputError, remark
+from designrl.errors import InputError
 from designrl.files import file_hash, write_atomically
 from designrl.names import find
 from designrl.provenance import VERSION, processor
@@ -97,30 +95,16 @@ class Evaluations(BaseCallback):
         )
 
 
-def environments(
-    env_id: str, count: int, design: np.ndarray | None, threads: int, seed: int | None = None
-) -> VecMonitor:
-    """On the engine, or where it cannot run single ones, with the same results but more slowly."""
-    if reason := engine_reason(env_id):
-        remark(f"train_ppo: {reason}; stepping single environments, which takes many times as long")
-        env = DummyVecEnv([partial(gymnasium.make, env_id, design=design)] * count)
-        if seed is not None:
-            env.seed(seed)
-    else:
-        env = EngineVecEnv(env_id, count, seed, design=design, threads=threads)
-    return VecMonitor(env)
-
-
 def train(
     design: np.ndarray | None, hardcore: bool, seed: int, steps: int, episodes: int, threads: int
 ) -> list[tuple[int, float, float, int]]:
     """Rows of (steps, mean return, standard deviation over episodes, episodes)."""
     torch.set_num_threads(threads)
     env_id, num_envs, settings = TASKS[hardcore]
-    make = partial(environments, env_id, design=design, threads=threads)
-    env = VecNormalize(make(num_envs), gamma=settings["gamma"])
+    make = partial(EngineVecEnv, env_id, design=design, threads=threads)
+    env = VecNormalize(VecMonitor(make(num_envs)), gamma=settings["gamma"])
     # Its episodes have seeds that training has not.
-    tests = make(episodes, seed=2**32 + seed * episodes)
+    tests = VecMonitor(make(episodes, seed=2**32 + seed * episodes))
     tests = VecNormalize(tests, training=False, norm_reward=False)
     # A training shorter than one rollout gets a shorter rollout.
     settings = settings | {"n_steps": max(2, min(settings["n_steps"], steps // num_envs))}

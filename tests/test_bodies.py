@@ -55,6 +55,7 @@ def test_poses_put_the_body_where_it_is():
     scales = np.linspace(0.4, 1.6, 8)
     env = gymnasium.make("designrl/BipedalWalker-v0", design=scales)
     env.reset(seed=0)
+    env.action_space.seed(0)
     for _ in range(30):
         env.step(env.action_space.sample())
     inner = env.unwrapped

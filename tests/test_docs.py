@@ -1,6 +1,5 @@
 """Every command and snippet of README and docs/ does what it says."""
 
-import importlib.util
 import json
 import re
 import shlex
@@ -20,18 +19,6 @@ PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"
 PAGES += [ROOT / "pretrained/README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SMALL = ["--generations", "1", "--population", "2", "--rollouts", "1", "--evaluation-episodes", "1"]
 
-# Where tensorboard is not installed: what its writer is told.
-STAND_IN = """
-import sys, types
-class SummaryWriter(list):
-    def __init__(self, folder): super().__init__()
-    def __enter__(self): return self
-    def __exit__(self, *exc_info): pass
-    def add_scalar(self, *args): self.append(args)
-sys.modules["torch.utils.tensorboard"] = types.ModuleType("tensorboard")
-sys.modules["torch.utils.tensorboard"].SummaryWriter = SummaryWriter
-"""
-
 
 def blocks(page: Path, language: str) -> list[str]:
     """The fenced blocks of a page in a language ("" for commands)."""
@@ -50,26 +37,34 @@ def run(words: list, folder: Path) -> None:
         if not (folder / name).exists():
             (folder / name).symlink_to(ROOT / name)
     done = subprocess.run(
-        [sys.executable, *words], cwd=folder, capture_output=True, text=True, timeout=300
+        [sys.executable, *words], cwd=folder, capture_output=True, text=True, timeout=1800
     )
     assert done.returncode == 0, (words, done.stderr)
 
 
 SCRIPTS = [page for page in PAGES if blocks(page, "python")]
 SCRIPTS.remove(ROOT / "docs/using.md")  # each block is one: test_using.py
+SCRIPTS.remove(ROOT / "docs/extending.md")  # test_extending.py
 
 
 @pytest.mark.parametrize("page", SCRIPTS, ids=lambda page: page.name)
 def test_snippets_run(page, tmp_path):
     end = "\nassert total > 340, total\n" if page == ROOT / "README.md" else ""  # it walks
-    start = "" if importlib.util.find_spec("tensorboard") else STAND_IN
-    (tmp_path / "page.py").write_text(start + "\n".join(blocks(page, "python")) + end)
+    (tmp_path / "page.py").write_text("\n".join(blocks(page, "python")) + end)
     run(["page.py"], tmp_path)
+
+
+BY_HAND = {"git", "cd", "source", "pip", "rerun", "export", "ray"}  # tried from a fresh clone
 
 
 @pytest.mark.parametrize(
     ("page", "command"),
-    [(page, command) for page in PAGES for command in commands(page)],
+    [
+        (page, words)
+        for page in PAGES
+        for words in commands(page)
+        if words.split()[0] not in BY_HAND
+    ],
     ids=lambda value: value.name if isinstance(value, Path) else value[:60],
 )
 def test_commands_are_as_written(page, command, tmp_path):
@@ -82,15 +77,6 @@ def test_commands_are_as_written(page, command, tmp_path):
         dry = ["make", "-n", *words[1:]]
         done = subprocess.run(dry, cwd=ROOT, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-    elif words[:2] == ["git", "clone"] or words[0] in (
-        "cd",
-        "source",
-        "pip",
-        "rerun",
-        "export",
-        "ray",
-    ):
-        return  # tried by hand, from a fresh clone
     else:
         pytest.fail(f"nothing here knows {command!r}")
 

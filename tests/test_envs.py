@@ -138,6 +138,7 @@ def test_weights_of_one_change_no_bit_of_the_reward(env_id):
         ({"progress": np.nan}, "the weight of progress is nan; it must be a number from -1e.06"),
         ({"progress": 2e6}, "the weight of progress is 2000000.0"),
         ({"progress": "2"}, "the weight of progress is '2'"),
+        ({"progress": 10**400}, "the weight of progress is 1000"),
         ([2.0], "it must name terms and their weights"),
     ],
 )

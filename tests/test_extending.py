@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import gymnasium
 import numpy as np
 import pytest
-from test_docs import ROOT, STAND_IN, blocks
+from test_docs import ROOT, blocks
 
 import designrl
 from designrl.bodies.ant import ANT
@@ -27,6 +27,18 @@ from designrl.settings import TrainSettings
 from designrl.simulation import Simulator
 from designrl.train import TrainingRun
 from designrl.viewer import replay
+
+# Where tensorboard is not installed: what its writer is told.
+STAND_IN = """
+import sys, types
+class SummaryWriter(list):
+    def __init__(self, folder): super().__init__()
+    def __enter__(self): return self
+    def __exit__(self, *exc_info): pass
+    def add_scalar(self, *args): self.append(args)
+sys.modules["torch.utils.tensorboard"] = types.ModuleType("tensorboard")
+sys.modules["torch.utils.tensorboard"].SummaryWriter = SummaryWriter
+"""
 
 
 class WiderBody(type(WALKER)):

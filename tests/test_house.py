@@ -75,13 +75,3 @@ def test_the_hash_of_sources_changes_with_what_scores_and_not_with_what_draws(
     with (copy / name).open("a") as file:
         file.write("\n")
     assert (provenance.sources_hash.__wrapped__() != before) == changed
-
-
-def test_the_lowest_layers_are_free_of_simulators_and_torch():
-    heavy = {"torch", "Box2D", "pybullet", "rerun", "matplotlib"}
-    light = ("files", "provenance", "design", "bodies", "envs", "experiments", "policy", "settings")
-    for layer in light:
-        files = PACKAGE / f"{layer}.py", PACKAGE / layer / "__init__.py"
-        path = next(filter(Path.exists, files))
-        names = {name.split(".")[0] for name in imported(ast.parse(path.read_text()).body)}
-        assert not names & heavy, f"{path} imports {names & heavy}"

@@ -44,6 +44,7 @@ def open_page(browser):
     def open_page(width=1280, scheme="light", **options):
         size = {"width": width, "height": 900}
         contexts.append(browser.new_context(viewport=size, color_scheme=scheme, **options))
+        contexts[-1].set_default_timeout(1_800_000)  # ms; a busy machine draws when it can
         opened = contexts[-1].new_page()
         opened.on("request", lambda request: asked.append(request.url))
         opened.on("pageerror", lambda error: complaints.append(str(error)))
@@ -155,7 +156,7 @@ def wait_for_end(opened) -> dict:
       for (const name of ["end", "tally", "expected", "here"]) found[name] = at(name).innerText;
       return found.how && found;
     }}"""
-    return opened.wait_for_function(ended, timeout=1_800_000).json_value()
+    return opened.wait_for_function(ended).json_value()
 
 
 def picture(opened) -> np.ndarray:
@@ -190,7 +191,9 @@ def test_a_slider_changes_the_body_at_once_and_the_course_goes_on(open_page):
     assert scales(opened)[6] == pytest.approx(before[6] + 0.5)
     assert text(opened, "expected") == "none: the body changed on the way"
     assert float(text(opened, "score")) > 5
-    opened.wait_for_timeout(100)  # for a picture, which follows the slider
+    opened.evaluate(  # a picture follows the slider
+        "() => new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))"
+    )
     leg = (225, 110, 180)
     assert share(picture(opened), leg) > share(picture_before, leg)
 

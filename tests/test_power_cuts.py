@@ -103,6 +103,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(Simulator, "rollout", rollout)
     monkeypatch.setattr("designrl.train.record_rollout", record)
     monkeypatch.setattr("designrl.train.SAVE_SECONDS", 0.0)
+    monkeypatch.setattr("designrl.recording.mcap_file.SEAL_SECONDS", np.inf)  # none between
 
 
 def train(folder: Path) -> None:

@@ -601,7 +601,7 @@ def test_a_notebook_shows_a_rollout_as_a_film(name, tmp_path):
     assert 0.01 < ground < 0.9 and (first != last).any()
 
 
-def test_two_processes_do_not_write_into_one_file(tmp_path):
+def test_two_writers_of_one_path_do_not_mix(tmp_path):
     path = tmp_path / "x.mcap"
     files = {number: McapFile(path) for number in "12"}
     for number, file in files.items():

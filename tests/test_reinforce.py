@@ -16,7 +16,6 @@ from designrl.reinforce import (
     ReinforceSettings,
     adam_step,
     centred_ranks,
-    log_density_gradients,
     reinforce_gradients,
 )
 
@@ -33,31 +32,12 @@ def log_density(w, mu, sigma):
     return torch.distributions.Normal(mu, sigma).log_prob(w).sum(dim=-1)
 
 
-def test_closed_form_gradients_equal_autograd_of_the_log_density():
-    w, mu, sigma = random_gaussian()
-    by_mu, by_sigma = log_density_gradients(w, mu.detach(), sigma.detach())
-    for i in range(len(w)):
-        auto = torch.autograd.grad(log_density(w[i : i + 1], mu, sigma).sum(), (mu, sigma))
-        torch.testing.assert_close(by_mu[i], auto[0], rtol=1e-12, atol=1e-12)
-        torch.testing.assert_close(by_sigma[i], auto[1], rtol=1e-12, atol=1e-12)
-
-
 def test_population_gradient_equals_autograd_of_the_weighted_log_density():
     w, mu, sigma = random_gaussian(candidates=50)
     returns = torch.tensor(np.random.default_rng(1).normal(size=50))
     expected = torch.autograd.grad((returns * log_density(w, mu, sigma)).mean(), (mu, sigma))
     found = reinforce_gradients(returns, w, mu.detach(), sigma.detach())
     torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
-
-
-def test_population_gradient_estimates_the_gradient_of_the_expected_return():
-    """E[-|w - c|²] = -Σ ((μ - c)² + σ²): its gradients are known without sampling."""
-    rng = np.random.default_rng(2)
-    mu, sigma = torch.tensor([0.5, -1.0]).double(), torch.tensor([0.3, 0.7]).double()
-    w = mu + sigma * torch.from_numpy(rng.standard_normal((400_000, 2)))
-    by_mu, by_sigma = reinforce_gradients(-((w - 0.2) ** 2).sum(dim=1), w, mu, sigma)
-    torch.testing.assert_close(by_mu, -2 * (mu - 0.2), rtol=0.05, atol=0.02)
-    torch.testing.assert_close(by_sigma, -2 * sigma, rtol=0.05, atol=0.02)
 
 
 def test_centred_ranks_are_evenly_spread_and_keep_the_order():
@@ -111,16 +91,16 @@ def test_the_step_of_mu_is_adams():
         np.testing.assert_allclose(ours, t.numpy(), rtol=1e-12)
 
 
-@pytest.mark.parametrize("settings", [AUTHORS, PLAIN], ids=["authors", "plain"])
-def test_an_update_has_the_same_bits_whatever_the_processor(settings):
+def test_an_update_has_the_same_bits_whatever_the_processor():
     """MKL, of which torch's products and roots are, adds and rounds otherwise on each."""
-    code = f"""
+    code = """
 import hashlib, numpy as np
 from designrl.reinforce import AUTHORS, PLAIN, Reinforce
-optimiser = Reinforce(2812, 48, {"PLAIN" if settings is PLAIN else "AUTHORS"})
-for generation in range(20):
-    optimiser.tell(np.random.default_rng(generation).standard_normal(48))
-print(hashlib.sha256(b"".join(x.tobytes() for x in optimiser.state().values())).hexdigest())
+for settings in AUTHORS, PLAIN:
+    optimiser = Reinforce(2812, 48, settings)
+    for generation in range(20):
+        optimiser.tell(np.random.default_rng(generation).standard_normal(48))
+    print(hashlib.sha256(b"".join(x.tobytes() for x in optimiser.state().values())).hexdigest())
 """
     kinds = {}, {"MKL_CBWR": "AVX2"}, {"MKL_CBWR": "COMPATIBLE"}, {"ATEN_CPU_CAPABILITY": "avx2"}
     found = {

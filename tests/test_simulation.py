@@ -54,11 +54,10 @@ def test_results_do_not_depend_on_the_number_of_workers():
     parameters = candidates("biped-morphology", 3)
     seeds = np.arange(12).reshape(3, 4)
     one = Simulator("biped-morphology", "reference").rollout(parameters, seeds)
-    for workers in (2, 3):
-        with Simulator("biped-morphology", "reference", workers=workers) as simulator:
-            more = simulator.rollout(parameters, seeds)
-        np.testing.assert_array_equal(more.returns, one.returns)
-        np.testing.assert_array_equal(more.steps, one.steps)
+    with Simulator("biped-morphology", "reference", workers=3) as simulator:
+        more = simulator.rollout(parameters, seeds)
+    np.testing.assert_array_equal(more.returns, one.returns)
+    np.testing.assert_array_equal(more.steps, one.steps)
 
 
 def test_shaped_rewards_forgive_the_fall_and_add_a_hundred_to_a_solved_episode(author_agent):
@@ -257,7 +256,8 @@ def pool():
 
 @pytest.mark.parametrize("what", ["dies", "hangs", "raises"])
 def test_a_task_is_done_again_and_named_where_it_fails_each_time(what, pool, tmp_path, capsys):
-    run = partial(pool.run, candidates=CANDIDATES, tasks=TASKS, seconds=1)
+    seconds = 1 if what == "hangs" else 600
+    run = partial(pool.run, candidates=CANDIDATES, tasks=TASKS, seconds=seconds)
     once, always = (partial(square_but, what, str(tmp_path / n)) for n in ("once", "always"))
     assert dict(run(once)) == {i: i * i for i in range(6)}
     assert capsys.readouterr().err.count("it is done again\n") == 1
@@ -274,7 +274,8 @@ def test_workers_that_were_killed_while_idle_are_replaced_and_no_task_is_lost(po
         for process in multiprocessing.active_children():
             process.kill()
         if noticed:  # the pools know before they get the next task
-            time.sleep(0.5)
+            while not all(executor._broken for executor in pool._pools):
+                time.sleep(0.01)
 
 
 def test_a_script_without_a_guard_is_told_so(tmp_path):
@@ -322,8 +323,10 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
     assert len(children) == 2
     parent.kill()
     parent.communicate()
-    while any(map(alive, children)):  # for ever, should one stay
+    end = time.monotonic() + 1800
+    while any(map(alive, children)) and time.monotonic() < end:
         time.sleep(0.05)
+    assert not any(map(alive, children))
 
 
 def alive(pid):

@@ -20,9 +20,7 @@ def shell(command: str, **kwargs) -> subprocess.CompletedProcess:
     return subprocess.run(["sh", "-c", command], capture_output=True, text=True, **kwargs)
 
 
-@pytest.mark.parametrize(
-    "streams", ["2>&-", "<&- >&- 2>&-", ">/dev/full 2>/dev/full", ">/dev/full 2>&1"]
-)
+@pytest.mark.parametrize("streams", ["2>&-", "<&- >&- 2>&-", ">/dev/full 2>&1"])
 def test_words_that_cannot_be_said_do_not_stop_the_work(streams, tmp_path):
     run = tmp_path / "run"
     done = shell(f"{DESIGNRL} train biped {SMALL} --out {run} {streams}")
@@ -50,9 +48,8 @@ def test_a_reader_who_has_left_ends_an_answer_and_no_work(command, code, tmp_pat
     assert done.returncode == code and "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("command", ["checkpoints", "experiments", "train --help"])
-def test_characters_that_the_terminal_lacks_are_replaced(command):
-    done = shell(f"{DESIGNRL} {command}", env=os.environ | {"PYTHONIOENCODING": "ascii"})
+def test_characters_that_the_terminal_lacks_are_replaced():
+    done = shell(f"{DESIGNRL} checkpoints", env=os.environ | {"PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, "") and "?" in done.stdout
 
 

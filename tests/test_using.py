@@ -25,9 +25,3 @@ def test_a_block_of_the_page_is_a_script_that_runs(block, tmp_path):
     command = [sys.executable, "block.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
-
-
-def test_the_loops_are_as_short_as_they_can_be():
-    (search,) = (block for block in BLOCKS if "import cma" in block)
-    (nested,) = (block for block in BLOCKS if "bodies.tell" in block)
-    assert len(search.splitlines()) <= 25 and len(nested.splitlines()) <= 40

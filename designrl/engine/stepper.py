@@ -101,7 +101,8 @@ class Stepper(AbstractContextManager):
         self._library = library = _library()
         *counts, self._flags = _find(task)
         self._made_with = task, count, autoreset, reward_factor, threads
-        self.count = count
+        self.count, self._factor = count, reward_factor
+        self._task, self._autoreset = task, autoreset
         self.observations, self.actions, self.dimensions, self.terms, self.parts = counts
         self.designs = np.ones((count, self.dimensions))
         self._factors = np.ones(count) if reward_factor else None
@@ -224,8 +225,7 @@ class Stepper(AbstractContextManager):
 
     @property
     def _about(self) -> tuple:
-        task = self._made_with[0]
-        return sources_hash(), task.name, task.flags
+        return sources_hash(), self._task.name, self._task.flags
 
     def _state_bytes(self) -> int:
         size = self._library.designrl_stepper_states(ctypes.byref(self._owner), None, False)
@@ -233,23 +233,21 @@ class Stepper(AbstractContextManager):
 
     def _take_designs(self, designs: np.ndarray) -> None:
         # New arrays: a call that is under way may read the old ones.
-        factor = self._made_with[3]
-        self.designs, self._factors = designs, factor(designs) if factor else None
+        self.designs, self._factors = designs, self._factor(designs) if self._factor else None
 
     def _run(self, **arrays: np.ndarray) -> None:
         """The library's call; arrays are its fields."""
-        task, count, autoreset, *_ = self._made_with
-        failed = np.zeros(count, dtype=bool)
+        failed = np.zeros(self.count, dtype=bool)
         arrays |= {"designs": self.designs, "failed": failed}
         if self._factors is not None:
             arrays["reward_factors"] = self._factors
         if self._weights is not None:
             arrays["reward_weights"] = self._weights
         stepping = _Stepping(
-            environments=count,
+            environments=self.count,
             flags=self._flags,
-            autoreset=autoreset,
-            max_steps=task.max_steps,
+            autoreset=self._autoreset,
+            max_steps=self._task.max_steps,
             **{name: array.ctypes.data for name, array in arrays.items()},
         )
         if not self._library.designrl_stepper_run(

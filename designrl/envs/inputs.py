@@ -77,7 +77,8 @@ class HasDesign(EzPickle):
                 from 0 on.
         """
         seed = None if seed is None else whole_number("seed", seed, 0)
-        self.choose_design(options)
+        if (design := checked_options(options, "design").get("design")) is not None:
+            self._take_design(design)
         gymnasium.Env.reset(self, seed=seed)  # seeds the generator
         return self._begin(), {}
 
@@ -206,16 +207,6 @@ class HasDesign(EzPickle):
         self._design = self._space.validate(scales)
         self._design.setflags(write=False)
         self._ezpickle_args = self._design, *self._ezpickle_args[1:]  # what a copy is made with
-
-    def choose_design(self, options: dict | None) -> None:
-        """Take `reset(options={"design": scales})`; without it, the design stays.
-
-        Raises:
-            InputError: not one of the body's designs, or another option.
-        """
-        design = checked_options(options, "design").get("design")
-        if design is not None:
-            self._take_design(design)
 
 
 def checked_action(action, size: int) -> np.ndarray:

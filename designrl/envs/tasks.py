@@ -62,7 +62,7 @@ def checked_weights(reward_weights: Mapping | None, terms: tuple[str, ...]) -> d
     for name, weight in found.items():
         if name not in terms:
             raise InputError(f"there is no reward term {name!r}; there are {', '.join(terms)}")
-        if not isinstance(weight, Real) or not abs(float(weight)) <= MAX_WEIGHT:
+        if not isinstance(weight, Real) or not abs(weight) <= MAX_WEIGHT:  # type: ignore[operator]
             raise InputError(
                 f"the weight of {name} is {weight!r}; it must be a number from {-MAX_WEIGHT:g} to "
                 f"{MAX_WEIGHT:g}"
@@ -99,8 +99,8 @@ class World:
         on_trial: its bits in the engine hang on what is installed: the ant's on the version of
             Bullet and on the C library's sine. Before the engine is used, it has to show that they
             are the reference's; where it has the portable lanes alone, they are x86-64's, whatever
-            is installed. Here: the package that the reference needs, and where that is missing,
-            the hash of what the reference has given elsewhere.
+            is installed. (package, hash): compared with the package's environment where it is
+            installed, else with the hash of what that has given elsewhere.
     """
 
     env_id: str

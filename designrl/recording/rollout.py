@@ -8,7 +8,7 @@ import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from designrl.bodies import Body, relative
-from designrl.design import in_words
+from designrl.design import changes_in_words
 from designrl.numeric import real_numbers, whole_number
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, McapFile, RecordingError
@@ -192,7 +192,7 @@ def _caption(metadata: dict, body: Body, scales: np.ndarray) -> str:
     """What stands above the URDF; viewers show it as text beside the picture."""
     lines = [f"{key}: {metadata[key]}" for key in ("experiment", "seed") if key in metadata]
     if metadata.get("changed"):
-        lines.append(f"not the agent's own body: {in_words(metadata['changed'])}")
+        lines.append(f"not the agent's own body: {changes_in_words(metadata['changed'])}")
     if "body" in metadata:
         lines.append(f"body, in {body.design.unit}:")
         sizes = zip(body.design.names, body.design.dimensions(scales), strict=True)

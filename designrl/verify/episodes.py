@@ -22,8 +22,7 @@ from designrl.envs.tasks import ENGINE_SCALES, WORLDS
 from designrl.experiments import EXPERIMENTS, Network, get_experiment
 from designrl.names import PRETRAINED, load
 from designrl.policy import Agent, bounds_kwargs
-from designrl.simulation import Episodes, run_episode
-from designrl.simulation import run_engine as run_episodes
+from designrl.simulation import Episodes, run_engine, run_episode
 
 WEIGHT_STDS = (0.1, 0.5, 1.0)  # of random networks
 ANT_WEIGHT_STDS = (0.05, 0.2, 0.6)
@@ -75,7 +74,7 @@ class Case:
         return Episodes(experiment, network, kwargs, shaping, space=self.space)
 
 
-def run_reference(case: Case) -> tuple[float, int, np.ndarray]:
+def on_reference(case: Case) -> tuple[float, int, np.ndarray]:
     """(return, steps, observations (steps + 1, O)) of one episode in Gymnasium's environment."""
     episodes, seen = case.episodes, []
 
@@ -91,9 +90,9 @@ def run_reference(case: Case) -> tuple[float, int, np.ndarray]:
     return total, steps, np.array(seen)
 
 
-def run_engine(case: Case, isa: str | None = None) -> tuple[float, int, np.ndarray]:
+def on_engine(case: Case, isa: str | None = None) -> tuple[float, int, np.ndarray]:
     """The same from the engine."""
-    returns, steps, observations = run_episodes(
+    returns, steps, observations = run_engine(
         case.episodes,
         case.parameters[None],
         np.array([[case.seed]]),
@@ -124,8 +123,8 @@ def difference(reference, compiled) -> str | None:
 
 def compare(case: Case) -> tuple[int, str | None]:
     """(steps of the reference, difference or None) of one case."""
-    reference = run_reference(case)
-    return reference[1], difference(reference, run_engine(case))
+    reference = on_reference(case)
+    return reference[1], difference(reference, on_engine(case))
 
 
 def author_policies() -> list[tuple[str, np.ndarray]]:

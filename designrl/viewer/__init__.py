@@ -11,6 +11,7 @@ The layout (`viewer.layout`) and the data (`viewer.data`) are made apart, both w
 A run is on the timeline `generation`, a rollout on the timeline `time` (s of simulated time).
 """
 
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -27,7 +28,6 @@ from designrl.files import require_new, write_atomically
 from designrl.recording import Recording, read
 from designrl.recording.reader import how_far
 from designrl.viewer.data import log_comparison, log_recording
-from designrl.viewer.display import require_display
 from designrl.viewer.executable import Rerun
 from designrl.viewer.layout import GENERATION, TIME, blueprint, last_generation, runs_of
 from designrl.viewer.picture import take_picture
@@ -65,8 +65,6 @@ def replay(
     _check_targets(targets, paths)
     recordings = _read_usable(paths)
     moment = _moment(recordings[0], at)  # refuses it before anything is written
-    if not targets and not web:
-        require_display()
     if save is not None:
         write_atomically(save, _as_rrd(recordings))
     if screenshot is not None:
@@ -86,9 +84,10 @@ def _open_window(rrd: bytes) -> None:
     with suppress(RuntimeError):  # slow, but there
         rerun.viewer()
     if rerun.has_failed():
+        why = re.sub(r" at /\S+:\d+", "", rerun.last_words())  # a place in its sources
         raise InputError(
-            f"Rerun's viewer did not start ({rerun.last_words()}); add --save FILE.rrd and open "
-            "that file elsewhere"
+            f"Rerun's viewer did not start ({why}); where there is no display, add --web, "
+            "--save FILE.rrd or --headless-screenshot FILE.png"
         )
 
 
@@ -101,7 +100,11 @@ def _as_rrd(recordings: list[Recording], for_picture: bool = False) -> bytes:
     # The web viewer takes no notice of a layout that is only the default.
     stream.send_blueprint(layout, make_active=True, make_default=True)
     try:
-        _log(stream, recordings, names)
+        for recording, name in zip(recordings, names, strict=True):
+            log_recording(stream, recording, name)
+        if len(runs := runs_of(recordings)) > 1:
+            log_comparison(stream, runs)
+        stream.flush()
     finally:
         data = memory.drain_as_bytes()  # after an error, too: Rerun would warn of what it drops
         stream.disconnect()
@@ -123,14 +126,6 @@ def _moment(recording: Recording, at: float | None) -> tuple[str, int | float]:
         unit = "generations" if timeline == GENERATION else "s"
         raise InputError(f"{recording.path} goes from 0 to {end:g} {unit}, --at is {at:g}")
     return timeline, int(at) if timeline == GENERATION else float(at)
-
-
-def _log(stream: rr.RecordingStream, recordings: list[Recording], names: list[str]) -> None:
-    for recording, name in zip(recordings, names, strict=True):
-        log_recording(stream, recording, name)
-    if len(runs := runs_of(recordings)) > 1:
-        log_comparison(stream, runs)
-    stream.flush()
 
 
 def _read_usable(paths: list[Path]) -> list[Recording]:

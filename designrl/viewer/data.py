@@ -1,16 +1,14 @@
 """What a recording holds, as Rerun entities: curves, poses, rays."""
 
-from xml.etree.ElementTree import ParseError
-
 import numpy as np
 import rerun as rr
 
 from designrl.bodies import ORIGINAL_AT, ORIGINAL_COLOR
 from designrl.bodies.robot import Robot
 from designrl.compare import labels
-from designrl.recording import Recording, RecordingError
+from designrl.recording import Recording
 from designrl.viewer.drawing import log_floor, log_part, log_robot, log_terrain
-from designrl.viewer.layout import COMPARED, GENERATION, TIME, body_of, entity
+from designrl.viewer.layout import COMPARED, GENERATION, TIME, body_of, entity, fit
 
 MAX_FIGURES = 300  # bodies of a run that are drawn, evenly spaced over its generations
 RED = (255, 60, 60)
@@ -28,16 +26,6 @@ PALETTE = np.array(
     ],
     dtype=np.uint8,
 )
-# What a recording raises here that is sound as a file but not what this package writes.
-_UNFIT = (
-    AttributeError,
-    LookupError,
-    OverflowError,
-    ParseError,
-    RecursionError,
-    TypeError,
-    ValueError,
-)
 
 
 def log_recording(stream: rr.RecordingStream, recording: Recording, name: str) -> None:
@@ -47,15 +35,8 @@ def log_recording(stream: rr.RecordingStream, recording: Recording, name: str) -
         RecordingError: it cannot be read, or lacks what its kind of recording holds.
     """
     log = log_run if recording.kind == "run" else log_rollout
-    try:
-        with np.errstate(over="ignore"):  # of what is beyond the float32 that Rerun draws in
-            log(stream, recording, entity(name))
-    except RecordingError:
-        raise
-    except _UNFIT:
-        raise RecordingError(
-            f"{recording.path} lacks some of what a {recording.kind} holds; record it again"
-        ) from None
+    with fit(recording), np.errstate(over="ignore"):  # beyond the float32 that Rerun draws in
+        log(stream, recording, entity(name))
 
 
 def _series(stream, path: str, times: list[rr.TimeColumn], values, names, styles=None) -> None:
@@ -106,10 +87,10 @@ def log_comparison(stream: rr.RecordingStream, runs: list[Recording]) -> None:
         for topic, plot in (("/summary", "population"), ("/evaluation", "evaluation")):
             if not run.topics.get(topic):
                 continue
-            means = run.array(topic, "mean")
+            with fit(run):
+                means, times = run.array(topic, "mean"), _generations(run, topic)
             if topic == "/evaluation":
                 means = np.maximum.accumulate(means)  # the best so far
-            times = _generations(run, topic)
             _series(stream, f"{COMPARED}/{plot}/{i}", times, means, [label], color)
             _count_from_0(stream, f"{COMPARED}/{plot}/{i}")
 

@@ -1,15 +1,18 @@
 """What goes where on the screen: a Rerun blueprint for a set of recordings."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from xml.etree.ElementTree import ParseError
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from designrl.bodies import SKY_COLOR, Body
-from designrl.design import in_words
+from designrl.design import changes_in_words
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS, get_experiment
-from designrl.recording import Recording
+from designrl.recording import Recording, RecordingError
 
 COMPARED = "runs_compared"  # entity of what several runs have in one plot
 GENERATION, TIME = "generation", "time"  # timelines: of runs, of rollouts (s of simulated time)
@@ -34,20 +37,45 @@ def body_of(recording: Recording) -> Body:
     """The body of the recording's experiment.
 
     Raises:
-        InputError: the experiment is not known here.
+        RecordingError: the experiment is not known here.
     """
     name = recording.metadata.get("experiment")
     if name is None:
-        raise InputError(
+        raise RecordingError(
             f"{recording.path} names no experiment; record it with "
             'RolloutWriter(..., {"experiment": NAME}), one that has its body'
         )
     try:
         return get_experiment(name).body
     except InputError:
-        raise InputError(
+        raise RecordingError(
             f"{recording.path} is of the experiment {name!r}, which is not known here; name the "
             "module that registers it with --load MODULE"
+        ) from None
+
+
+@contextmanager
+def fit(recording: Recording) -> Iterator[None]:
+    """In here, what a recording raises that is sound as a file, but not what this package writes.
+
+    Raises:
+        RecordingError: for that, in one sentence.
+    """
+    try:
+        yield
+    except RecordingError:
+        raise
+    except (
+        AttributeError,
+        LookupError,
+        OverflowError,
+        ParseError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ):
+        raise RecordingError(
+            f"{recording.path} lacks some of what a {recording.kind} holds; record it again"
         ) from None
 
 
@@ -69,8 +97,10 @@ def blueprint(
             raise InputError(f"{recording.path} is not a recording of designrl; name one of those")
     first, titles = recordings[0], tab_titles(recordings)
     hints = ["" if r.kind == first.kind else HINTS[r.kind] for r in recordings]
-    each = zip(recordings, names, titles, hints, strict=True)
-    tabs = [makers[r.kind](r, *about) for r, *about in each]
+    tabs = []
+    for recording, *about in zip(recordings, names, titles, hints, strict=True):
+        with fit(recording):
+            tabs.append(makers[recording.kind](recording, *about))
     if len(runs := runs_of(recordings)) > 1:
         tabs.insert(0, comparison_layout(runs, "" if first.kind == "run" else HINTS["run"]))
     panel = {"timeline": TIME}
@@ -90,7 +120,7 @@ def runs_of(recordings: list[Recording]) -> list[Recording]:
     return [recording for recording in recordings if len(recording.generations)]
 
 
-def comparison_layout(runs: list[Recording], hint: str = "") -> rrb.Container:
+def comparison_layout(runs: list[Recording], hint: str) -> rrb.Container:
     """The learning curves of several runs, one over the other."""
     axis = _whole(max(map(last_generation, runs)), WIDE)
     plots = [
@@ -122,7 +152,7 @@ def origin(recording: Recording) -> tuple[str, str, str]:
     run = str(about.get("experiment")) + (f" seed {seed}" if seed is not None else "")
     is_rollout = recording.kind == "rollout" and generation is not None
     changed = {k: v for k, v in recording.about("changed").items() if isinstance(v, float)}
-    return run, f"generation {generation}" if is_rollout else "", in_words(changed)
+    return run, f"generation {generation}" if is_rollout else "", changes_in_words(changed)
 
 
 def last_generation(recording: Recording) -> int:
@@ -130,7 +160,7 @@ def last_generation(recording: Recording) -> int:
     return int(recording.generations.max(initial=0))
 
 
-def rollout_layout(recording: Recording, name: str, title: str, hint: str = "") -> rrb.Container:
+def rollout_layout(recording: Recording, name: str, title: str, hint: str) -> rrb.Container:
     """The body from its side, and below it what it gets, does and feels."""
     root = entity(name)
     body = body_of(recording)
@@ -160,7 +190,7 @@ def rollout_layout(recording: Recording, name: str, title: str, hint: str = "") 
     )
 
 
-def run_layout(recording: Recording, name: str, title: str, hint: str = "") -> rrb.Container:
+def run_layout(recording: Recording, name: str, title: str, hint: str) -> rrb.Container:
     """Learning curves and sigma; the design's dimensions and the body that they make."""
     root, end = entity(name), last_generation(recording)
     axis = _whole(end, WIDE)
