@@ -33,6 +33,12 @@ CAPTIONS = {
         "Evaluations of Biped Hardcore + Morphology (g) during training with three learning rates; "
         "a line for each seed. Dashed: 300 points, solved.",
     ),
+    "hardcore_settings": (
+        "What would make hardcore learn as fast as the paper's?",
+        "Biped Hardcore + Morphology (g): the population's mean return in training, averaged over "
+        "11 generations. Thick: the paper's (192 candidates, 16 rollouts, learning rate 0.01). "
+        "Thin: ours, a line for each seed; what is changed is in the legend.",
+    ),
     "falls": (
         "What do the walkers lose on hardcore?",
         "Falls of Biped Hardcore, with a learned body and rewarded for smaller legs: the share of "
@@ -44,6 +50,9 @@ AUTHOR_LOG = "biped-author-settings"  # under logs/studies
 AVERAGED = 11  # generations, of a point of the author's log in paper.toml
 LEARNER = "biped-hardcore-morphology"
 FAST = "biped-hardcore-morphology-rate-0.03"
+FEWER = f"{LEARNER}-4-rollouts"
+FEWER_FAST, FEWER_WIDE = f"{FEWER}-rate-0.02", f"{FEWER}-sigma-0.9998"
+TRIED = 1000  # generations of these
 HARDCORE = [name for name, experiment in EIGHT.items() if experiment.letter in "fgh"]
 FALL = 250.0  # points: an episode with fewer ends with a fall, or nowhere
 EPISODES, SEED = 1000, 1  # not those of the tables
@@ -67,17 +76,23 @@ def falls_file() -> Path:
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the figures depend on."""
-    rates = [*recordings(LEARNER), *unfinished(LEARNER), *recorded(FAST)]
-    return [paths.ROOT / "paper" / "paper.toml", falls_file(), *recorded(AUTHOR_LOG), *rates]
+    found = [*recordings(LEARNER), *unfinished(LEARNER)]
+    found += [
+        path
+        for name in (AUTHOR_LOG, FAST, FEWER, FEWER_FAST, FEWER_WIDE)
+        for path in recorded(name)
+    ]
+    return [paths.ROOT / "paper" / "paper.toml", falls_file(), *found]
 
 
 # ---------------------------------------------------------------------------- the author's log
 
 
-def running_mean(values: np.ndarray) -> np.ndarray:
-    """The mean of AVERAGED values around each, of fewer at the ends."""
-    ones = np.ones(AVERAGED)
-    return np.convolve(values, ones, "same") / np.convolve(np.ones(len(values)), ones, "same")
+def running_mean(run: Run) -> np.ndarray:
+    """The population's mean over AVERAGED generations around each, over fewer at the ends."""
+    apart = run.generation[-1] / max(1, len(run.generation) - 1)  # more than 1 where it is thinned
+    ones = np.ones(max(1, round(AVERAGED / max(1.0, apart))))
+    return np.convolve(run.mean, ones, "same") / np.convolve(np.ones(len(run.mean)), ones, "same")
 
 
 def author_log() -> Figure:
@@ -89,7 +104,7 @@ def author_log() -> Figure:
     for run in runs:
         axes.plot(
             run.generation,
-            running_mean(run.mean),
+            running_mean(run),
             color=drawing.ORIGINAL,
             linewidth=0.8,
             rasterized=True,
@@ -113,7 +128,7 @@ def author_log_answer() -> str:
     at, mean = np.transpose(paper()["author_log"]["population"])
     within = at <= min(run.generation[-1] for run in runs)
     at, mean = at[within], mean[within]
-    ours = np.array([np.interp(at, run.generation, running_mean(run.mean)) for run in runs])
+    ours = np.array([np.interp(at, run.generation, running_mean(run)) for run in runs])
     below, above = at[mean < ours.min(axis=0)], at[mean > ours.max(axis=0)]
     said = f"{len(at) - len(below) - len(above)} of {len(at)} points of his log lie within the "
     said += f"range of our {len(runs)} runs"
@@ -129,14 +144,44 @@ def listed(generations: np.ndarray) -> str:
     return ", ".join(f"{part[0]:,.0f}" + f" to {part[-1]:,.0f}" * (len(part) > 1) for part in parts)
 
 
+def hardcore_settings() -> Figure:
+    """The paper's curve over ours, with its settings and with others."""
+    figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
+    axes = figure.subplots()
+    at, mean = np.transpose(paper()["figure5"][LEARNER]["population"])
+    # The figure has the return less 100.
+    axes.plot(at, mean + 100, color="black", linewidth=2, alpha=0.8, label="the paper's")
+    papers = [run for run in all_runs() if run.papers]
+    for runs, label, colour in (
+        (papers, "ours, the paper's settings", drawing.ORIGINAL),
+        (study(FEWER, LEARNER), "4 rollouts", drawing.LEARNED),
+        (study(FEWER_FAST, LEARNER), "4 rollouts, learning rate 0.02", drawing.THIRD),
+        (study(FEWER_WIDE, LEARNER), "4 rollouts, σ × 0.9998", drawing.GREY),
+    ):
+        for run in runs:
+            style = {"color": colour, "linewidth": 0.8, "label": label}
+            axes.plot(run.generation, running_mean(run), **style)
+    axes.set_xlabel("generation")
+    axes.set_ylabel("population's mean\nreturn in training (points)")
+    axes.set_xlim(0, TRIED)
+    axes.set_ylim(-25, 300)
+    drawing.legend(figure, axes)
+    return figure
+
+
 # ------------------------------------------------------------------------------ learning rates
+
+
+def all_runs() -> list[Run]:
+    """Our runs of LEARNER, those of unfinished ones last."""
+    return [read_published(path) for path in [*recordings(LEARNER), *unfinished(LEARNER)]]
 
 
 def learning_rates() -> Figure:
     """Evaluations over steps, for each learning rate."""
     figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
     axes = figure.subplots()
-    runs = [read_published(path) for path in [*recordings(LEARNER), *unfinished(LEARNER)]]
+    runs = all_runs()
 
     def draw(runs: list[Run], label: str, colour: str) -> None:
         for run in runs:
@@ -200,7 +245,12 @@ def count_falls(sources: Sources) -> None:
 
 def figures(sources: Sources) -> dict[str, Figure]:
     """The figures."""
-    return {"author_log": author_log(), "learning_rates": learning_rates(), "falls": falls()}
+    return {
+        "author_log": author_log(),
+        "hardcore_settings": hardcore_settings(),
+        "learning_rates": learning_rates(),
+        "falls": falls(),
+    }
 
 
 if __name__ == "__main__":

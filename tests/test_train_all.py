@@ -1,13 +1,16 @@
 """The published runs: planned by recipe, trained, interrupted, resumed, published, verified."""
 
+import json
 import shutil
 from pathlib import Path
 
 import pytest
 
+from designrl.checkpoint import STATE_FORMAT, read_tensors
 from designrl.errors import InputError
 from designrl.experiments import EXPERIMENTS
 from designrl.files import file_hash
+from designrl.recording import read
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import paths, publish, train_all
@@ -83,6 +86,17 @@ def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
     assert not train_all.unfinished(run).exists()
     published = (project / "pretrained/biped/seed0").with_suffix(".safetensors")
     assert file_hash(published) == file_hash(project / "whole/best.safetensors")
+
+
+def test_committed_states_are_of_planned_runs_and_can_go_on():
+    plan = {str(run.place): run.settings for run in train_all.plan()}
+    for state in (ROOT / "logs" / "unfinished").glob("*/*/state.safetensors"):
+        _, about = read_tensors(state, STATE_FORMAT)
+        settings = plan[str(state.parent.relative_to(ROOT / "logs" / "unfinished"))].as_dict()
+        recording = read(state.with_name("generations.mcap"))
+        assert about["settings"] == settings
+        assert json.loads(recording.metadata["settings"]) == settings
+        assert recording.generations[-1] + 1 >= about["progress"]["generation"]
 
 
 def test_no_core_trains_nothing(project, monkeypatch):
