@@ -13,7 +13,7 @@ from designrl.evaluation import evaluate
 from designrl.files import file_hash, write_atomically
 from designrl.names import load
 from designrl.provenance import core_count
-from reproduce import drawing, paths
+from reproduce import drawing, figure5, paths
 from reproduce.curves import STEPS
 from reproduce.paths import EIGHT, paper, pretrained, recordings, seed_of, unfinished
 from reproduce.program import program
@@ -149,9 +149,8 @@ def hardcore_settings() -> Figure:
     figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
     axes = figure.subplots()
     at, mean = np.transpose(paper()["figure5"][LEARNER]["population"])
-    # The figure has the return less 100.
-    axes.plot(at, mean + 100, color="black", linewidth=2, alpha=0.8, label="the paper's")
-    papers = [run for run in all_runs() if run.papers]
+    axes.plot(at, mean - figure5.OFFSET, color="black", linewidth=2, alpha=0.8, label="the paper's")
+    papers = [read_published(path) for path in figure5.recorded(LEARNER)]
     for runs, label, colour in (
         (papers, "ours, the paper's settings", drawing.ORIGINAL),
         (study(FEWER, LEARNER), "4 rollouts", drawing.LEARNED),
@@ -172,16 +171,11 @@ def hardcore_settings() -> Figure:
 # ------------------------------------------------------------------------------ learning rates
 
 
-def all_runs() -> list[Run]:
-    """Our runs of LEARNER, those of unfinished ones last."""
-    return [read_published(path) for path in [*recordings(LEARNER), *unfinished(LEARNER)]]
-
-
 def learning_rates() -> Figure:
     """Evaluations over steps, for each learning rate."""
     figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
     axes = figure.subplots()
-    runs = all_runs()
+    runs = [read_published(path) for path in [*recordings(LEARNER), *unfinished(LEARNER)]]
 
     def draw(runs: list[Run], label: str, colour: str) -> None:
         for run in runs:

@@ -90,9 +90,10 @@ def test_a_run_left_unfinished_goes_on_elsewhere_to_the_same_bytes(project):
 
 def test_committed_states_are_of_planned_runs_and_can_go_on():
     plan = {str(run.place): run.settings for run in train_all.plan()}
-    for state in (ROOT / "logs" / "unfinished").glob("*/*/state.safetensors"):
+    folder = ROOT / "logs" / "unfinished"
+    for state in folder.glob("*/*/state.safetensors"):
         _, about = read_tensors(state, STATE_FORMAT)
-        settings = plan[str(state.parent.relative_to(ROOT / "logs" / "unfinished"))].as_dict()
+        settings = plan[str(state.parent.relative_to(folder))].as_dict()
         recording = read(state.with_name("generations.mcap"))
         assert about["settings"] == settings
         assert json.loads(recording.metadata["settings"]) == settings

@@ -100,9 +100,8 @@ class Stepper(AbstractContextManager):
     ):
         self._library = library = _library()
         *counts, self._flags = _find(task)
-        self._made_with = task, count, autoreset, reward_factor, threads
-        self.count, self._factor = count, reward_factor
-        self._task, self._autoreset = task, autoreset
+        self._task, self.count, self._autoreset = task, count, autoreset
+        self._factor, self._threads = reward_factor, threads
         self.observations, self.actions, self.dimensions, self.terms, self.parts = counts
         self.designs = np.ones((count, self.dimensions))
         self._factors = np.ones(count) if reward_factor else None
@@ -276,7 +275,8 @@ class Stepper(AbstractContextManager):
         self.close()
 
     def __reduce__(self):
-        return _restored, (self._made_with, self.get_states())
+        made_with = self._task, self.count, self._autoreset, self._factor, self._threads
+        return _restored, (made_with, self.get_states())
 
 
 def _restored(made_with: tuple, states: list[State]) -> Stepper:

@@ -11,7 +11,6 @@ The layout (`viewer.layout`) and the data (`viewer.data`) are made apart, both w
 A run is on the timeline `generation`, a rollout on the timeline `time` (s of simulated time).
 """
 
-import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -84,10 +83,9 @@ def _open_window(rrd: bytes) -> None:
     with suppress(RuntimeError):  # slow, but there
         rerun.viewer()
     if rerun.has_failed():
-        why = re.sub(r" at /\S+:\d+", "", rerun.last_words())  # a place in its sources
         raise InputError(
-            f"Rerun's viewer did not start ({why}); where there is no display, add --web, "
-            "--save FILE.rrd or --headless-screenshot FILE.png"
+            f"Rerun's viewer did not start ({rerun.last_words()}); where there is no display, add "
+            "--web, --save FILE.rrd or --headless-screenshot FILE.png"
         )
 
 

@@ -87,8 +87,9 @@ class Rerun:
         return found and found[1]
 
     def last_words(self) -> str:
-        """The last line that it has said."""
-        return self.says(r"(.*)\s*\Z") or "it says nothing"
+        """The last line that it has said, without the place in Rerun's sources."""
+        said = self.says(r"(.*)\s*\Z") or "it says nothing"
+        return re.sub(r" at /\S+:\d+", "", said)
 
     def wait_for(self, what: Callable):
         """The first true result of a function.
