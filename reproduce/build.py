@@ -98,14 +98,18 @@ def write(module: ModuleType, sources: Sources) -> list[Path]:
 
 
 def changed(inputs: dict[str, str], sources: Sources) -> list[tuple[str, Sources]]:
-    """The items that made some of an item's inputs, where these are not as they were made."""
-    return [
-        (name, by)
-        for by in dict.fromkeys((OURS, sources))
-        for name in ITEMS
-        if (made := kept_in(manifest(name, by)))
-        and any(inputs.get(path, sha256) != sha256 for path, sha256 in made["outputs"].items())
-    ]
+    """The items that made some of an item's inputs, where these or what they read have changed."""
+    found = []
+    for by in {s.folder: s for s in (OURS, sources)}.values():  # one a folder
+        for name in ITEMS:
+            made = kept_in(manifest(name, by))
+            outputs = {p: h for p, h in made.get("outputs", {}).items() if p in inputs}
+            if outputs and (
+                any(inputs[path] != sha256 for path, sha256 in outputs.items())
+                or made["inputs"] != hashes(reads(load(name), by))
+            ):
+                found.append((name, by))
+    return found
 
 
 def kept_in(path: Path) -> dict:
@@ -118,7 +122,7 @@ def make(name: str, sources: Sources = OURS) -> list[Path] | None:
     module = load(name)
     inputs = hashes(reads(module, sources))
     for other, by in changed(inputs, sources):
-        remark(f"{name} reads what is not as `make reproduce-{other}` made it; it is made again")
+        remark(f"{name} reads what `make reproduce-{other}` makes, which is made again first")
         make(other, by)
         inputs = hashes(reads(module, sources))
     state = {"versions": used_versions(), "inputs": inputs}

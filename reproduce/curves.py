@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reproduce import drawing, paths
+from reproduce import drawing
 from reproduce.paths import EIGHT, paper, recordings
 from reproduce.runs import SOLVED, Run, read_published
 from reproduce.scores import rewards_small_legs
@@ -35,22 +35,23 @@ CAPTIONS = {
     "curves_ant": ("Curves of the ants", "The same curves for the ants."),
 }
 HARDCORE = ("biped-hardcore", "biped-hardcore-morphology")
+FLAT = ("biped", "biped-morphology")
 EXPERIMENTS_OF = {
     "curves_hardcore": HARDCORE,
-    "curves": ("biped", "biped-morphology"),
+    "curves": FLAT,
     "curves_smaller_leg": ("biped-morphology-smaller-leg", "biped-hardcore-morphology-smaller-leg"),
     "curves_ant": ("ant", "ant-morphology"),
 }
 LABELS = {"biped-hardcore": "Original body", "biped-hardcore-morphology": "Learned body"}
 COLOURS = (drawing.ORIGINAL, drawing.LEARNED)
-FLAT, CLOSE_FROM = ("biped", "biped-morphology"), 250  # points
+CLOSE_FROM = 250  # points
 PAPER_CORES = 96
 STEPS = "environment steps (millions)"
 AXES = ("generation", STEPS, "core-hours")
 
 
-def returns(experiment: str) -> tuple[str, str]:
-    """What the panels show, above and below."""
+def axis_labels(experiment: str) -> tuple[str, str]:
+    """What the panels above and below show."""
     small_legs = rewards_small_legs(experiment)
     unit = "with the factor for legs" if small_legs else "points"
     return "population's mean\nreturn in training", f"best evaluation so far\n({unit})"
@@ -58,8 +59,7 @@ def returns(experiment: str) -> tuple[str, str]:
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the figure depends on."""
-    found = [path for name in EIGHT for path in recordings(name)]
-    return [paths.ROOT / "paper" / "paper.toml", *found]
+    return [*sources.read_for(), *(path for name in EIGHT for path in recordings(name))]
 
 
 def draw(above: Axes, below: Axes, axis: str, runs: list[Run], label: str, colour: str) -> None:
@@ -114,7 +114,7 @@ def curves(experiments: tuple[str, ...]) -> Figure:
         below.set_xlabel(axis)
         if below.get_xscale() == "linear":
             below.set_xlim(left=0)
-    for axes, label in zip(panels[:, 0], returns(experiments[0]), strict=True):
+    for axes, label in zip(panels[:, 0], axis_labels(experiments[0]), strict=True):
         axes.set_ylabel(label)
     _, texts = panels[1, 0].get_legend_handles_labels()
     drawing.legend(figure, panels[1, 0], ncols=2 if max(map(len, texts), default=0) < 50 else 1)

@@ -63,10 +63,8 @@ def save(folder: Path, name: str, figure: Figure) -> list[Path]:
 
 def source_of(s: Score) -> str:
     """Whose run it is, as a figure says it."""
-    if s.path.suffix == ".json":
-        run = s.path.stem.rpartition(".")[2]
-        return f"author's weights, run {run if run.isdigit() else 1}"
-    return f"ours, {s.run}"
+    whose = "author's weights" if s.path.suffix == ".json" else "ours"
+    return f"{whose}, {s.run}"
 
 
 def legend(figure: Figure, axes: Axes, **how) -> None:

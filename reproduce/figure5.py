@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reproduce import drawing, paths
+from reproduce import drawing
 from reproduce.curves import COLOURS, HARDCORE, LABELS
 from reproduce.paths import at_papers_settings, paper, recordings, unfinished
 from reproduce.runs import read_published
@@ -40,8 +40,7 @@ def recorded(experiment: str) -> list[Path]:
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the figure depends on."""
-    ours = [path for name in HARDCORE for path in recorded(name)]
-    return [paths.ROOT / "paper" / "paper.toml", *ours]
+    return [*sources.read_for(), *(path for name in HARDCORE for path in recorded(name))]
 
 
 def draw_paper(left: Axes, right: Axes, experiment: str, colour: str) -> None:

@@ -24,7 +24,7 @@ from designrl.video import EVERY, STAGES, captioned, evolution, film, write_vide
 from reproduce.drawing import typical_seed
 from reproduce.paths import EIGHT, bloopers, recording_of, shown
 from reproduce.program import program
-from reproduce.scores import EPISODES, SEED, Score, usable
+from reproduce.scores import EPISODES, SEED, Score, score, usable
 from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
 
@@ -86,7 +86,7 @@ def main() -> None:
                 agent, pictures = evolution(log, STAGE)
                 path = sources.folder / f"gallery/learning-{name}.webp"
                 write(path, map(small, pictures), agent)
-        for s in usable(sources.score(path, path.parent.name) for path in bloopers()):
+        for s in usable(score(path, path.parent.name, sources.backend) for path in bloopers()):
             target = sources.folder / f"gallery/blooper-{s.agent.experiment.name}.webp"
             write(target, walk(s, LAST_OF_BLOOPER), s.agent)
 

@@ -293,7 +293,7 @@ def run_tables(found: dict[str, Score]) -> str:
     """Every published run with its card, curve, recording and command."""
     parts = []
     for experiment in EIGHT.values():
-        rows = ["| | score | | | |", "|---|---|---|---|---|"]
+        rows = ["| | score | | |", "|---|---|---|---|"]
         commands = set()
         for path in sorted((ROOT / "pretrained" / experiment.name).glob("*.safetensors")):
             name = f"{experiment.name}/{path.stem}"
@@ -306,14 +306,14 @@ def run_tables(found: dict[str, Score]) -> str:
             watch = f'<button data-watch="{name}">Watch</button>' if name in found else ""
             score = f"{found[name].mean:.1f} ± {found[name].std:.1f}" if name in found else ""
             cells = [path.stem, score, ", ".join(links), watch]
-            rows.append(f"| {' | '.join(cells)} | |")
+            rows.append(f"| {' | '.join(cells)} |")
             if name in found:
                 settings = TrainSettings(**found[name].agent.metadata["settings"])
-                commands.add(settings.command().partition(" --seed")[0])
+                commands.add(settings.command().replace(f"--seed {settings.seed}", "--seed K"))
         if len(rows) == 2:
             continue
         table = markdown.markdown("\n".join(rows), extensions=["tables"])
-        command = "".join(f"<pre><code>{c} --seed K</code></pre>" for c in sorted(commands))
+        command = "".join(f"<pre><code>{c}</code></pre>" for c in sorted(commands))
         parts.append(
             f"<details><summary>({experiment.letter}) {experiment.title}, {len(rows) - 2} runs"
             f'</summary>{command}<div class="scroll">{table}</div></details>'

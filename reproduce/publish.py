@@ -16,10 +16,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tabulate import tabulate
 
+from designrl.compare import rendered
 from designrl.errors import InputError
 from designrl.files import file_hash, write_atomically
 from designrl.names import load
-from designrl.policy import Agent
 from designrl.recording import record_rollout, thin
 from designrl.recording.run import KEPT
 from designrl.settings import TrainSettings
@@ -27,15 +27,19 @@ from reproduce import curves, drawing, paths, scores
 from reproduce.paths import EIGHT, paper, recording_of
 from reproduce.runs import Run, read_published, read_run
 from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
+from reproduce.statistics import mean_interval
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
 WHOLE, DISTRIBUTIONS = "seed0", 20  # of this run the whole rollout, and so many distributions
 # How names of runs begin -> the recipe of such a run, and what may differ from that.
 KINDS = {
     "": ("ours", set()),
-    "paper-": ("paper", {"generations"}),
+    "paper-": ("paper", set()),
     "blooper-": ("ours", {"design_form", "design_limit"}),
 }
+# Generations of a run at the paper's settings, by letter: as many as the paper's Figure 5 shows;
+# elsewhere as many as the paper trained.
+SHOWN = {"f": 8000, "g": 3000, "h": 3000}
 
 
 def publish(run: Path, name: str, replace: bool = False) -> str:
@@ -78,8 +82,12 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
         write_atomically(checkpoint, content)
         shutil.rmtree(log, ignore_errors=True)
         new.rename(log)
-    learning_curve(recorded, agent).savefig(checkpoint.with_suffix(".png"), dpi=100)
-    add_to_index(write_card(checkpoint, agent.experiment.name))
+    kept = read_published(recording_of(checkpoint))
+    s = scores.score(checkpoint, agent.experiment.name)
+    curve = rendered(learning_curve(kept, s), "png", dpi=100)
+    write_atomically(checkpoint.with_suffix(".png"), curve)
+    write_atomically(checkpoint.with_suffix(".md"), card(s, kept).encode())
+    add_to_index(s)
     return f"{checkpoint}, its card, its curve and {log} written"
 
 
@@ -95,7 +103,10 @@ def check_name(name: str, run: Path, settings: TrainSettings) -> None:
 
 def check_settings(name: str, run: Path, settings: TrainSettings, recipe: str, free: set) -> None:
     """Raise InputError where settings are not those of a recipe, but for the free ones."""
-    expected = vars(TrainSettings.of(settings.experiment, recipe, seed=settings.seed))
+    letter, changes = EIGHT[settings.experiment].letter, {}
+    if recipe == "paper" and letter in SHOWN:
+        changes = {"generations": SHOWN[letter]}
+    expected = vars(TrainSettings.of(settings.experiment, recipe, seed=settings.seed, **changes))
     for setting, value in vars(settings).items():
         if value != expected[setting] and setting not in free:
             raise InputError(
@@ -124,14 +135,6 @@ def add_to_index(s: Score) -> None:
     write_atomically(path, json.dumps(index, indent=1, ensure_ascii=False).encode() + b"\n")
 
 
-def write_card(checkpoint: Path, experiment: str) -> Score:
-    """Write the card of a checkpoint whose recording is published; returns its score."""
-    found = scores.score(checkpoint, experiment)
-    text = card(found, read_published(recording_of(checkpoint)))
-    write_atomically(checkpoint.with_suffix(".md"), text.encode())
-    return found
-
-
 def index_file() -> Path:
     """Where the scores of the published agents stand."""
     return paths.ROOT / "pretrained" / "index.json"
@@ -150,17 +153,18 @@ def published_scores() -> dict[str, dict]:
     return found
 
 
-def learning_curve(run: Run, agent: Agent) -> Figure:
+def learning_curve(run: Run, s: Score) -> Figure:
     """The population's return and the evaluated agents' scores over environment steps."""
     figure = Figure(figsize=(drawing.WIDTH, 2.3), layout="constrained")
     left, right = figure.subplots(1, 2)
     curves.draw(left, right, curves.STEPS, [run], "this run", drawing.ORIGINAL)
-    name = agent.experiment.name
-    if not rewards_small_legs(name):  # the paper's number is without that factor
+    name = s.agent.experiment.name
+    # The paper's number is without the factor for small legs, and of its own bodies.
+    if not (rewards_small_legs(name) or paths.is_blooper(s.path)):
         mean, _ = paper()["table3"][name]
         right.axhline(mean, color=drawing.GREY, linestyle="--", label=f"the paper's mean: {mean}")
     curves.show_differences(right, name)
-    for axes, label in zip((left, right), curves.returns(name), strict=True):
+    for axes, label in zip((left, right), curves.axis_labels(name), strict=True):
         axes.set_xlabel(curves.STEPS)
         axes.set_ylabel(label)
     drawing.legend(figure, right, ncols=2)
@@ -170,7 +174,7 @@ def learning_curve(run: Run, agent: Agent) -> Figure:
 def card(s: Score, run: Run) -> str:
     """What a reader must know of a checkpoint: score, cost, curve, body, command, origin."""
     m, experiment, design = s.agent.metadata, s.agent.experiment, s.agent.experiment.design
-    error = 1.96 * s.std / np.sqrt(len(s.returns))
+    low, high = mean_interval(s.returns)
     mean, std = paper()["table3"][experiment.name]
     factor = ", with the reward for smaller legs" * rewards_small_legs(experiment.name)
     of, theirs = f"({experiment.letter}) of Table 3", f" The paper's ten runs: {mean} ± {std}."
@@ -180,7 +184,7 @@ def card(s: Score, run: Run) -> str:
         f"# {experiment.title}, {s.run}",
         f"{of}; `{s.path.name}`, sha256 {s.sha256}.",
         f"**Score** {s.mean:.1f} ± {s.std:.1f} over {EPISODES} rollouts (95 % interval of "
-        f"the mean {s.mean - error:.1f} to {s.mean + error:.1f}; median "
+        f"the mean {low:.1f} to {high:.1f}; median "
         f"{np.median(s.returns):.1f}, lowest {s.returns.min():.1f}, highest "
         f"{s.returns.max():.1f}).{theirs}",
         f"**Cost** {run.steps_with(s.agent):,} environment steps, {run.core_hours[-1]:.2f} "

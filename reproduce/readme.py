@@ -15,12 +15,13 @@ from tabulate import tabulate
 from designrl.errors import InputError
 from designrl.files import write_atomically
 from designrl.settings import TrainSettings
-from reproduce import paths, statistics
+from reproduce import paths, statistics, table2
 from reproduce.curves import HARDCORE
 from reproduce.paths import EIGHT, paper, recording_of
 from reproduce.runs import read_published
-from reproduce.scores import EPISODES, SEED
-from reproduce.sources import AT_PAPERS, ENOUGH, OURS, Sources, our_runs
+from reproduce.scores import EPISODES, SEED, score
+from reproduce.sources import AT_PAPERS, OURS, Sources, our_runs
+from reproduce.table2 import our_leg_areas
 from reproduce.table3 import over_runs, verdict
 from reproduce.tables import as_csv
 
@@ -34,26 +35,20 @@ QUESTIONS = (
     ("Hardcore, scores", *HARDCORE),
 )
 SMALL_LEGS = {
-    "on flat ground": "biped-morphology-smaller-leg",
-    "on hardcore": "biped-hardcore-morphology-smaller-leg",
+    "Flat ground:": "biped-morphology-smaller-leg",
+    "hardcore:": "biped-hardcore-morphology-smaller-leg",
 }
 
 
-def files() -> tuple[Path, Path]:
-    """The scores of the author's run 1 of each experiment, and of our runs."""
-    folder = paths.ROOT / "paper"
-    return folder / "author.csv", folder / "tables" / "table3.csv"
-
-
-def legs() -> Path:
-    """The leg areas of our runs."""
-    return files()[1].with_name("table2.csv")
+def table3_file() -> Path:
+    """Where the scores of our runs stand."""
+    return paths.ROOT / "paper" / "tables" / "table3.csv"
 
 
 def reads(sources: Sources) -> list[Path]:
     """The files that the table depends on."""
     read = [path for name in HARDCORE for source in COLUMNS for path in recordings_of(name, source)]
-    return [*sources.read_for(), files()[1], legs(), *read]
+    return [*sources.read_for(), table2.csv_file(), table3_file(), *read]
 
 
 def by_experiment(path: Path) -> dict[str, dict]:
@@ -64,10 +59,10 @@ def by_experiment(path: Path) -> dict[str, dict]:
 
 def score_author(sources: Sources) -> None:
     """Score those of the author's weights that are there, and keep the results."""
-    path, _ = files()
+    path = paths.ROOT / "paper" / "author.csv"
     kept = by_experiment(path) if path.exists() else {}
     for name in EIGHT:
-        s = sources.score(sources.authors(name)[1], name)
+        s = score(sources.authors(name)[1], name, sources.backend)
         if not s.problem:
             kept[name] = {"experiment": name, "mean": s.mean, "std": s.std}
             kept[name] |= {"episodes": EPISODES, "seed": SEED, "sha256": s.sha256}
@@ -76,7 +71,7 @@ def score_author(sources: Sources) -> None:
 
 def our_numbers(source: str, what: str = "means") -> dict[str, list[float]]:
     """By experiment a number of each of our runs, of OURS or AT_PAPERS: a column of Table 3."""
-    column, ours = f"{COLUMNS[source]}_{what}", by_experiment(files()[1])
+    column, ours = f"{COLUMNS[source]}_{what}", by_experiment(table3_file())
     return {name: [float(number) for number in ours[name][column].split()] for name in EIGHT}
 
 
@@ -94,14 +89,17 @@ def table() -> str:
         )
         count = len(means[AT_PAPERS][name])
         # A row's verdict is on what it shows first, as in Table 3.
-        first = means[AT_PAPERS if count >= ENOUGH or recipe == "–" else OURS][name]
+        first = next((means[s][name] for s in our_runs(name) if means[s][name]), [])
         cells = [f"({experiment.letter})", experiment.title]
         cells += ["{} ± {}".format(*printed["table3"][name]), recipe, len(means[OURS][name])]
         cells += [f"{papers} ({count})" if count else papers]
-        said = f"{verdict(name, np.mean(first))} the paper's runs" if first else ""
+        said = ""
+        if first:
+            difference = np.mean(first) - printed["table3"][name][0]
+            said = f"{difference:+.0f}, {verdict(name, np.mean(first))} its runs"
         rows.append([*cells, said])
     header = ["", "Experiment", "Paper (10 runs)", "Ours", "Runs"]
-    header += ["Ours, the paper's settings (runs)", "Ours is"]
+    header += ["Ours, the paper's settings (runs)", "Ours less the paper's"]
     return tabulate(rows, header, tablefmt="github", disable_numparse=True)
 
 
@@ -113,9 +111,8 @@ def answers() -> str:
 
 def score_answer(topic: str, without: str, with_: str) -> str:
     """Whether a learned body scores higher in our runs, as it does in the paper's."""
-    table4 = paper()["table4"]
-    theirs = np.mean(table4[with_]) - np.mean(table4[without])
-    parts = []
+    table4, parts = paper()["table4"], []
+    theirs = statistics.compare(*(np.array(table4[name], float) for name in (without, with_)))
     for source in (OURS, AT_PAPERS):
         found = our_numbers(source)
         before, after = np.array(found[without]), np.array(found[with_])
@@ -123,15 +120,22 @@ def score_answer(topic: str, without: str, with_: str) -> str:
             continue
         said = statistics.compare(before, after)
         answer = {"higher": "yes", "lower": "no"}.get(statistics.verdict(said), "not decided")
+        if answer == "yes" and said["difference_high"] < theirs["difference_low"]:
+            answer = "yes, by less"
         parts.append(
-            f"**{topic}{AT_SETTINGS[source]}: {answer}.** With a learned body, "
-            f"{said['difference']:+,.0f} points in our runs ({len(before)} without it, "
-            f"{len(after)} with it) and {theirs:+,.0f} in the paper's."
+            f"**{topic}{AT_SETTINGS[source]}: {answer}.** With a learned body, {gain(said)} in our "
+            f"runs ({len(before)} without it, {len(after)} with it), {gain(theirs)} in the paper's."
         )
     of_each = (TrainSettings.of(name, "ours").generations for name in (without, with_))
     if parts and (longer := np.divide(*of_each)) != 1:
         parts.append(f"Ours without it had {longer:.2g} times the generations.")
     return " ".join(parts) or f"**{topic}: not known.** There are no runs of both yet."
+
+
+def gain(said: dict) -> str:
+    """A difference of means with its interval, where there is one."""
+    limits = statistics.interval(said["difference_low"], said["difference_high"], "{:+,.0f}")
+    return " ".join(filter(None, (f"{said['difference']:+,.0f} points", limits)))
 
 
 def speed_answer() -> str:
@@ -140,36 +144,36 @@ def speed_answer() -> str:
     if not any(said):
         return "**Hardcore, speed: not known.** There are no runs of both yet."
     printed = paper()["text"]
-    theirs = " and ".join(f"{printed[name]['generations']:,}" for name in HARDCORE)
+    original, learned = (f"{printed[name]['generations']:,}" for name in HARDCORE)
     recipes = (TrainSettings.of(HARDCORE[1], recipe) for recipe in ("paper", "ours"))
     more = np.divide(*(settings.population * settings.rollouts for settings in recipes))
     return (
-        f"{' '.join(filter(None, said))} The paper's took {theirs} generations, of "
-        f"{more:.2g} times the episodes. Solved is 300 points; "
-        "[for 250 see the study](docs/studies.md"
+        f"{' '.join(filter(None, said))} The paper's: generation {original} and {learned}, of "
+        f"{more:.2g} times the episodes. [For 250 points see the study](docs/studies.md"
         "#does-a-learned-body-learn-rough-ground-faster)."
     )
 
 
 def small_legs_answer() -> str:
     """Whether walkers that are rewarded for small legs score as the paper's, on legs as small."""
-    ours, theirs, parts = our_numbers(OURS), paper(), []
+    ours, printed, parts = our_numbers(OURS), paper(), []
     if not all(ours[name] for name in SMALL_LEGS.values()):
         return "**Smaller legs, rewarded: not known.** There are no runs of both yet."
-    with legs().open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["source"].startswith(OURS)]
     scored, small = True, True
     for where, name in SMALL_LEGS.items():
-        areas = [float(row["leg_area"]) for row in rows if row["experiment"] == name]
-        mean, area = np.mean(ours[name]), theirs["table2"][name]["leg_area"]
-        scored, small = scored and verdict(name, mean) != "below", small and min(areas) <= area
+        mean, areas, theirs = np.mean(ours[name]), our_leg_areas(name), printed["leg_areas"][name]
+        scored = scored and verdict(name, mean) != "below"
+        small = small and np.mean(areas) <= max(theirs)
         parts.append(
-            f"{where} {mean:.0f} and {theirs['table3'][name][0]} points with legs of "
-            f"{min(areas):.0f} to {max(areas):.0f} % and {area} % of the original area"
+            f"{where} {mean:.0f} points with legs of {min(areas):.0f} to {max(areas):.0f} % of the "
+            f"original area (the paper's {printed['table3'][name][0]} with {min(theirs):.0f} to "
+            f"{max(theirs):.0f} %)"
         )
     answer = ("yes" if small else "in part, our legs are larger") if scored else "no"
-    have = f"Our runs and the paper's have {'; '.join(parts)}"
-    return f"**Smaller legs, rewarded: {answer}.** {have}."
+    return (
+        f"**Smaller legs, rewarded: {answer}.** {'; '.join(parts)}. "
+        "[All learned bodies](docs/studies.md#are-the-learned-bodies-the-papers)."
+    )
 
 
 def speed(source: str) -> str:
@@ -184,7 +188,7 @@ def speed(source: str) -> str:
         solved = sorted(n for n in at if n < np.inf)
         when = " to ".join(f"{n:,.0f}" for n in dict.fromkeys(solved[:1] + solved[-1:]))
         parts.append(
-            f"{len(solved)} of {len(runs)} runs with {words} solved it"
+            f"in {len(solved)} of {len(runs)} runs with {words}"
             + (f" (generation {when} of {int(runs[0].generation[-1]) + 1:,})" if solved else "")
         )
     # By ranks: a run that never solved it is the slowest, however long it was.
@@ -193,7 +197,8 @@ def speed(source: str) -> str:
     answer = "yes" if learned.mean() < original.mean() else "no"
     if statistics.permutation_p(original, learned) >= statistics.SIGNIFICANT:
         answer = "not decided"
-    return f"**Hardcore, speed{AT_SETTINGS[source]}: {answer}.** {', '.join(parts)}."
+    reached = f"An evaluation in training reached 300 points {' and '.join(parts)}."
+    return f"**Hardcore, speed{AT_SETTINGS[source]}: {answer}.** {reached}"
 
 
 def recordings_of(experiment: str, source: str) -> list[Path]:

@@ -3,17 +3,16 @@
 Reads report_template.md, the figures, pretrained/ and logs/. Writes paper/report.md.
 """
 
-import itertools
 import re
 from pathlib import Path
 
 import numpy as np
 
 from designrl.files import write_atomically
-from reproduce import build, curves, figure5, paths, readme, studies, table2, transfer
+from reproduce import build, curves, readme, studies, table2, transfer
 from reproduce.paths import EIGHT, paper, recording_of, shown
 from reproduce.runs import Run, read_published
-from reproduce.scores import Score, rewards_small_legs, title, usable
+from reproduce.scores import MISSING, Score, rewards_small_legs, title, usable
 from reproduce.sources import AT_PAPERS, OURS, Sources
 from reproduce.tables import PAPER, Cell, Table
 
@@ -31,8 +30,7 @@ CAPTIONS = {
 def reads(sources: Sources) -> list[Path]:
     """The files that the report depends on."""
     drawn = [sources.folder / "figures" / f"{name}.png" for name in CAPTIONS]
-    others = [m.reads(sources) for m in (readme, curves, figure5, studies, transfer)]
-    return [TEMPLATE, *drawn, *sources.read_for(*EIGHT), *itertools.chain(*others)]
+    return [TEMPLATE, *drawn, *(path for m in MODULES.values() for path in build.reads(m, sources))]
 
 
 # ------------------------------------------------------------------------------------- contents
@@ -136,7 +134,7 @@ def origins(ours: dict[str, list[Score]]) -> str:
     for name, found in ours.items():
         cards = [origin(s) for s in found]
         anchor = f'<a id="origin-{EIGHT[name].letter}"></a>'
-        lines.append(f"- {anchor}{title(name)}: {', '.join(cards) or 'no checkpoint yet'}")
+        lines.append(f"- {anchor}{title(name)}: {', '.join(cards) or MISSING}")
     return "\n".join(lines)
 
 
@@ -169,7 +167,7 @@ def main(sources: Sources) -> list[Path]:
     text = TEMPLATE.read_text(encoding="utf-8")
     text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], text)
     folder = sources.folder
-    if folder != paths.ROOT / "paper":  # one folder deeper
+    if sources.zoo:  # one folder deeper
         text = text.replace("](../", "](../../").replace(f"]({TO_PAPER})", f"](../{TO_PAPER})")
     path = folder / "report.md"
     write_atomically(path, text.encode())

@@ -48,7 +48,7 @@ class Run:
         return max(int(self.steps[-1]), agent.metadata.get("environment_steps", 0))
 
     def solved_at(self) -> int | None:
-        """The generation before the first evaluation of SOLVED; None without one."""
+        """The first generation, from 0, whose evaluation reached SOLVED; None without one."""
         reached = self.tested[self.scores >= SOLVED]
         return int(reached[0]) if len(reached) else None
 

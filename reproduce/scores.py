@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from designrl.errors import InputError, remark
 from designrl.evaluation import episode_seeds, evaluate
-from designrl.files import file_hash, write_atomically
+from designrl.files import write_atomically
 from designrl.names import load
 from designrl.policy import Agent
 from designrl.provenance import core_count, sources_hash, versions
@@ -68,7 +68,10 @@ class Score:
 
     @property
     def run(self) -> str:
-        """How tables call one of our runs, "seed 0" for instance."""
+        """How tables call a run, ours "seed 0" for instance, the author's "run 1"."""
+        if self.path.suffix == ".json":
+            number = self.path.stem.rpartition(".")[2]
+            return f"run {number if number.isdigit() else 1}"
         settings = "the paper's settings, " * paths.at_papers_settings(self.path)
         limits = "a blooper, " * paths.is_blooper(self.path)
         return f"{settings}{limits}seed {seed_of(self.path.stem)}"
@@ -80,7 +83,7 @@ def title(experiment: str) -> str:
 
 
 def rewards_small_legs(experiment: str) -> bool:
-    """Whether an experiment's rewards are scaled by the leg area, in evaluations, too."""
+    """Whether training and a run's own evaluations scale its rewards by leg area; scores do not."""
     return "leg_area_reward" in EIGHT[experiment].training_kwargs
 
 
@@ -111,7 +114,7 @@ def unscored(path: Path, experiment: str) -> Score:
             raise InputError(f"{path} is of seed {seed}; put back the one of its name")
     except InputError as error:
         return Score(path, problem=str(error).replace(str(path), shown(path)))
-    return Score(path, file_hash(path), agent)
+    return Score(path, agent.sha256, agent)
 
 
 def score(path: Path, experiment: str, backend: str = "engine") -> Score:

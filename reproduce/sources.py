@@ -61,10 +61,6 @@ class Sources:
         """paper/, or paper/with-zoo/ (not committed) with the author's weights."""
         return paths.ROOT / "paper" / ("with-zoo" if self.zoo else "")
 
-    def note(self) -> str:
-        """How scores were made, with versions."""
-        return scores.scoring_note(self.backend)
-
     def read_for(self, *names: str) -> list[Path]:
         """All files that scores of these experiments depend on: the paper's, ours, the author's."""
         ours = [path for name in names for path in pretrained(name)]
@@ -77,10 +73,6 @@ class Sources:
 
     def _author_runs(self, experiment: str) -> dict[int, Path]:
         return author.runs(self.zoo, experiment) if self.zoo else {}
-
-    def score(self, path: Path, experiment: str) -> Score:
-        """The scores of one checkpoint; see `scores.score_all`."""
-        return scores.score(path, experiment, self.backend)
 
     def by_source(self, *experiments: str) -> dict[str, dict[str, dict[int, Score]]]:
         """Of each experiment our runs as `our_runs` has them; and the "author's weights"."""

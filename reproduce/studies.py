@@ -1,4 +1,4 @@
-"""The figures of docs/studies.md; CAPTIONS says what they show.
+"""The figures of docs/studies.md, which explains them; CAPTIONS is of the one in the report, too.
 
 ZOO=path python -m reproduce.studies    count falls anew, the author's too, in paper/falls.csv
 """
@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from designrl.evaluation import evaluate
-from designrl.files import file_hash, write_atomically
+from designrl.files import write_atomically
 from designrl.names import load
 from designrl.provenance import core_count
-from reproduce import drawing, figure5, paths
+from reproduce import drawing, figure5, paths, table2
 from reproduce.curves import STEPS
 from reproduce.paths import EIGHT, paper, pretrained, recordings, seed_of, unfinished
 from reproduce.program import program
@@ -27,23 +27,6 @@ CAPTIONS = {
         "The author's own training log of Biped (c), every 50 generations, over ours with his "
         "settings: 96 candidates, one rollout each, σ × 0.999 a generation. The population's mean "
         "return in training, averaged over 11 generations; a line for each of our seeds.",
-    ),
-    "learning_rates": (
-        "Which learning rate for hardcore?",
-        "Evaluations of Biped Hardcore + Morphology (g) during training with three learning rates; "
-        "a line for each seed. Dashed: 300 points, solved.",
-    ),
-    "hardcore_settings": (
-        "What would make hardcore learn as fast as the paper's?",
-        "Biped Hardcore + Morphology (g): the population's mean return in training, averaged over "
-        "11 generations. Thick: the paper's (192 candidates, 16 rollouts, learning rate 0.01). "
-        "Thin: ours, a line for each seed; what is changed is in the legend.",
-    ),
-    "falls": (
-        "What do the walkers lose on hardcore?",
-        "Falls of Biped Hardcore, with a learned body and rewarded for smaller legs: the share of "
-        "1,000 episodes, other ones than those of the tables, that end below 250 points, with 95 % "
-        "intervals. Grey: the author's agent, run 1.",
     ),
 }
 AUTHOR_LOG = "biped-author-settings"  # under logs/studies
@@ -74,15 +57,18 @@ def falls_file() -> Path:
     return paths.ROOT / "paper" / "falls.csv"
 
 
+def fall_rows() -> list[dict]:
+    """The counted falls."""
+    text = falls_file().read_text() if falls_file().exists() else ""
+    return list(csv.DictReader(text.splitlines()))
+
+
 def reads(sources: Sources) -> list[Path]:
     """The files that the figures depend on."""
     found = [*recordings(LEARNER), *unfinished(LEARNER)]
-    found += [
-        path
-        for name in (AUTHOR_LOG, FAST, FEWER, FEWER_FAST, FEWER_WIDE)
-        for path in recorded(name)
-    ]
-    return [paths.ROOT / "paper" / "paper.toml", falls_file(), *found]
+    for name in (AUTHOR_LOG, FAST, FEWER, FEWER_FAST, FEWER_WIDE):
+        found += recorded(name)
+    return [*sources.read_for(), falls_file(), table2.csv_file(), *found]
 
 
 # ---------------------------------------------------------------------------- the author's log
@@ -195,6 +181,31 @@ def learning_rates() -> Figure:
     return figure
 
 
+# -------------------------------------------------------------------------------------- bodies
+
+
+def leg_areas() -> Figure:
+    """The leg areas of the author's runs and ours, a point for each."""
+    figure = Figure(figsize=(drawing.WIDTH, 2.6), layout="constrained")
+    axes = figure.subplots()
+    printed = paper()["leg_areas"]
+    for at, (name, theirs) in enumerate(printed.items()):
+        ours = table2.our_leg_areas(name)
+        for x, areas, colour, label in (
+            (at - 0.12, theirs, drawing.GREY, "the author's runs"),
+            (at + 0.12, ours, drawing.LEARNED, "ours"),
+        ):
+            style = {"color": colour, "alpha": 0.6, "marker": "o", "markersize": 4}
+            axes.plot([x] * len(areas), areas, linestyle="", label=label, **style)
+    titles = [EIGHT[name].title.replace(" + ", "\n+ ") for name in printed]
+    axes.set_xticks(range(len(printed)), titles)
+    axes.axhline(100, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
+    axes.set_ylabel("leg area (% of the original)")
+    axes.set_ylim(0, 130)
+    drawing.legend(figure, axes, ncols=2)
+    return figure
+
+
 # --------------------------------------------------------------------------------------- falls
 
 
@@ -202,8 +213,7 @@ def falls() -> Figure:
     """The counted falls as bars."""
     figure = Figure(figsize=(drawing.WIDTH, 2.4), layout="constrained")
     panels = figure.subplots(1, len(HARDCORE), sharey=True)
-    text = falls_file().read_text() if falls_file().exists() else ""
-    rows = list(csv.DictReader(text.splitlines()))
+    rows = fall_rows()
     for axes, name in zip(panels, HARDCORE, strict=True):
         mine = [row for row in rows if row["experiment"] == name]
         shares = np.array([int(row["falls"]) / int(row["episodes"]) for row in mine])
@@ -222,13 +232,16 @@ def falls() -> Figure:
 
 def count_falls(sources: Sources) -> None:
     """Play each hardcore agent's episodes and keep what came out; the author's need ZOO."""
-    rows = []
+    rows, old = [], [row for row in fall_rows() if row["run"] == AUTHOR]
     for name in HARDCORE:
         theirs = {AUTHOR: sources.authors(name)[1]} if sources.zoo else {}
+        if not sources.zoo:
+            rows += [row for row in old if row["experiment"] == name]
         ours = {path.stem.replace("seed", "seed "): path for path in pretrained(name)}
         for run, path in (theirs | ours).items():
-            found = evaluate(load(path, name), EPISODES, SEED, core_count()).scores
-            row = {"experiment": name, "run": run, "sha256": file_hash(path)}
+            agent = load(path, name)
+            found = evaluate(agent, EPISODES, SEED, core_count()).scores
+            row = {"experiment": name, "run": run, "sha256": agent.sha256}
             row |= {"episodes": EPISODES, "seed": SEED, "falls": int((found < FALL).sum())}
             upright = found[found >= FALL].mean()
             row |= {"mean": found.mean(), "median": np.median(found), "mean_without": upright}
@@ -243,6 +256,7 @@ def figures(sources: Sources) -> dict[str, Figure]:
         "author_log": author_log(),
         "hardcore_settings": hardcore_settings(),
         "learning_rates": learning_rates(),
+        "leg_areas": leg_areas(),
         "falls": falls(),
     }
 

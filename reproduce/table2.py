@@ -1,8 +1,12 @@
 """Table 2: the walkers' scores, leg areas and leg dimensions, the paper's and ours."""
 
+import csv
+from pathlib import Path
+
 import numpy as np
 
 from designrl.bodies.walker import WALKER, leg_area
+from reproduce import paths
 from reproduce.paths import EIGHT, paper, pretrained
 from reproduce.scores import MISSING, rewards_small_legs
 from reproduce.sources import Sources
@@ -22,6 +26,18 @@ def place(name: str) -> list[str]:
     if rewards_small_legs(name):
         body = "Reward smaller leg"
     return [ENVIRONMENTS[EIGHT[name].env_id], body]
+
+
+def csv_file() -> Path:
+    """Where its numbers stand."""
+    return paths.ROOT / "paper" / "tables" / "table2.csv"
+
+
+def our_leg_areas(experiment: str) -> list[float]:
+    """Leg areas of our runs in % of the original, as they stand there."""
+    with csv_file().open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["experiment"] == experiment]
+    return [float(row["leg_area"]) for row in rows if row["source"].startswith("ours")]
 
 
 def legs(scales: np.ndarray) -> tuple[float, np.ndarray]:

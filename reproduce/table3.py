@@ -108,7 +108,7 @@ def tables(sources: Sources) -> list[Table]:
         records.append(record)
     note = (
         "Mean ± sample standard deviation over runs of the average score of 100 rollouts. Ours are "
-        f"of our recipe. The last column is on them, or on {ENOUGH} and more runs at the "
+        f"of our recipe. 'Ours is' is on them, or on {ENOUGH} and more runs at the "
         "paper's settings."
     )
     if any("*" in str(cell) for cells in filter(None, rows) for cell in cells):

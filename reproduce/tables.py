@@ -6,16 +6,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tabulate import tabulate
+from tabulate import SEPARATING_LINE, tabulate
 
 from designrl.files import write_atomically
 from reproduce.paths import shown
-from reproduce.scores import Score
+from reproduce.scores import Score, scoring_note
 from reproduce.sources import Sources
 
 PAPER = "paper"
 ORIGINS = "## Where the numbers come from"  # a heading, in a table's Markdown
-_LATEX = {"%": r"\%", "&": r"\&", "#": r"\#", "_": r"\_", "±": r"$\pm$", "–": "--"}
 
 
 @dataclass(frozen=True)
@@ -79,18 +78,12 @@ class Table:
 
     def latex(self) -> str:
         """A booktabs tabular."""
-
-        def line(cells: Iterable[str | Cell]) -> str:
-            escaped = ("".join(_LATEX.get(sign, sign) for sign in str(cell)) for cell in cells)
-            return " & ".join(escaped) + r" \\"
-
-        lines = [rf"\begin{{tabular}}{{{'l' * len(self.header)}}}", r"\toprule"]
+        rows = [SEPARATING_LINE if row is None else list(map(str, row)) for row in self.rows]
+        text = tabulate(rows, self.header, tablefmt="latex_booktabs", disable_numparse=True)
+        heads = (rf"\multicolumn{{{span}}}{{l}}{{{group}}}" for group, span in self.groups or ())
         if self.groups:
-            heads = (rf"\multicolumn{{{span}}}{{l}}{{{group}}}" for group, span in self.groups)
-            lines.append(" & ".join(heads) + r" \\")
-        lines += [line(self.header), r"\midrule"]
-        lines += [r"\midrule" if row is None else line(row) for row in self.rows]
-        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+            text = text.replace("\\toprule\n", f"\\toprule\n{' & '.join(heads)} \\\\\n", 1)
+        return text + "\n"
 
     def origins(self, sources: Sources) -> list[str]:
         """How its scores were made, and the checkpoints, with those that cannot be used."""
@@ -101,10 +94,10 @@ class Table:
                 continue
             steps = s.agent.metadata.get("environment_steps")
             score = "" if s.returns is None else f", {s.mean:.1f} ± {s.std:.1f}"
-            trained = f", {steps:,} training steps" if steps else ""
+            trained = f", kept after {steps:,} steps of training" if steps else ""
             lines.append(f"- `{shown(s.path)}`, sha256 `{s.sha256[:16]}`{score}{trained}")
         scored = any(s.returns is not None for s in self.scores)
-        note = [sources.note()] if scored else []
+        note = [scoring_note(sources.backend)] if scored else []
         return [ORIGINS, *note, "\n".join(lines)] if lines else []
 
     def write(self, sources: Sources) -> list[Path]:

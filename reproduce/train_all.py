@@ -35,7 +35,7 @@ from designrl.train import TrainingRun
 from reproduce import paths
 from reproduce.paths import EIGHT, shown
 from reproduce.program import program
-from reproduce.publish import publish
+from reproduce.publish import SHOWN, publish
 
 # How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
 FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
@@ -45,8 +45,6 @@ LATER = {"f": 5, "h": 5, "b": 10, "a": 10}
 PAPER = ["g1", "g2", "f1", "g0", "g3", "h0", "f0", "h1", "g4", "f2", "h2", "d0", "c0", "b0", "a0"]
 # Those of the paper's web page: bodies with other limits, which no table has.
 BLOOPERS = "eg"
-# As many generations as the paper's Figure 5 shows; elsewhere as many as the paper trained.
-SHOWN = {"f": 8000, "g": 3000, "h": 3000}
 LOOK_SECONDS = 2.0  # between two looks at the runs
 SAY_SECONDS = 600.0  # between two lines of a run where the output is no terminal
 COMPARED_GENERATIONS = 3  # of a recording, by verify
@@ -192,7 +190,7 @@ def train(waiting: list[Planned], folder: Path, cores: int) -> None:
             training.bar.close()
         if not isinstance(error, KeyboardInterrupt):
             raise
-        sys.exit(f"train-all: stopped, all is saved in {folder}; the same command goes on")
+        failures.append(f"stopped, all is saved in {folder}; the same command goes on")
     if failures:
         sys.exit("\n".join(f"train-all: {failure}" for failure in failures))
 

@@ -13,9 +13,7 @@ draws.
 """
 
 import argparse
-import csv
 import importlib.metadata
-import io
 import shlex
 import sys
 import time
@@ -36,6 +34,7 @@ from designrl.errors import InputError
 from designrl.files import file_hash, write_atomically
 from designrl.names import find
 from designrl.provenance import VERSION, processor
+from reproduce.tables import as_csv
 
 FLAT = {
     "n_steps": 2048,
@@ -157,12 +156,13 @@ def write(options: argparse.Namespace) -> None:
     rows = train(
         design, options.hardcore, options.seed, options.steps, options.episodes, options.threads
     )
-    text = io.StringIO()
-    text.write(f"# {origin(options)}\n")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("steps", "mean", "sd", "episodes"))
-    writer.writerows((steps, f"{mean:.3f}", f"{sd:.3f}", count) for steps, mean, sd, count in rows)
-    write_atomically(options.out, text.getvalue().encode())
+    table = as_csv(
+        [
+            {"steps": steps, "mean": f"{mean:.3f}", "sd": f"{sd:.3f}", "episodes": count}
+            for steps, mean, sd, count in rows
+        ]
+    )
+    write_atomically(options.out, f"# {origin(options)}\n{table}".encode())
 
 
 if __name__ == "__main__":

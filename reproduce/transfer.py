@@ -42,14 +42,14 @@ def reads(sources: Sources) -> list[Path]:
     return [path for task in TASKS for body in BODIES for path in curves(task, body)]
 
 
-def read_curves(paths: list[Path]) -> tuple[np.ndarray, np.ndarray]:
+def read_curves(files: list[Path]) -> tuple[np.ndarray, np.ndarray]:
     """(E,) steps and (S, E) scores of S seeds.
 
     Raises:
         InputError: a file that is no curve, or whose steps are not those of the first.
     """
     found = []
-    for path in paths:
+    for path in files:
         lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
         try:
             rows = [(int(row["steps"]), float(row["mean"])) for row in csv.DictReader(lines)]
@@ -57,18 +57,18 @@ def read_curves(paths: list[Path]) -> tuple[np.ndarray, np.ndarray]:
             raise InputError(f"{path} is not a curve of train_ppo.py; make it anew") from None
         found.append(np.array(rows, dtype=np.float64).reshape(-1, 2).T)
         if not np.array_equal(found[0][0], found[-1][0]):
-            raise InputError(f"{path} has other steps than {paths[0].name}; train both for as long")
+            raise InputError(f"{path} has other steps than {files[0]}; train both for as long")
     return found[0][0], np.array([means for _, means in found])
 
 
 def draw(axes: Axes, task: str, body: str) -> None:
     """Draw the curves of a body on a task."""
-    paths = curves(task, body)
-    if not paths:
+    files = curves(task, body)
+    if not files:
         return
-    steps, means = read_curves(paths)
+    steps, means = read_curves(files)
     at, colour = steps / 1e6, BODIES[body]
-    label = f"{body} body ({len(paths)} {'seeds' if len(paths) > 1 else 'seed'})"
+    label = f"{body} body ({len(files)} {'seeds' if len(files) > 1 else 'seed'})"
     axes.plot(at, means.T, color=colour, linewidth=0.4, alpha=0.5)
     axes.plot(at, means.mean(axis=0), color=colour, label=label)
     low, high = np.transpose([mean_interval(values) for values in means.T])
@@ -79,15 +79,15 @@ def answer() -> str:
     """What the learned body changes for PPO, a line for each task."""
     lines = []
     for task, title in TASKS.items():
-        paths = [curves(task, body) for body in BODIES]
-        if not all(paths):
+        original, learned = (curves(task, body) for body in BODIES)
+        if not (original and learned):
             lines.append(f"- {title}: no curves of both bodies yet.")
             continue
-        means = [read_curves(found)[1] for found in paths]
-        last = -(-means[0].shape[1] // 10)
+        steps, means = read_curves(original + learned)
+        of_bodies, last = np.split(means, [len(original)]), -(-len(steps) // 10)
         parts = {"at the end": slice(-last, None), "on average over the training": slice(None)}
         said = [
-            difference(*(of_body[:, part].mean(axis=1) for of_body in means), when)
+            difference(*(of_body[:, part].mean(axis=1) for of_body in of_bodies), when)
             for when, part in parts.items()
         ]
         lines.append(f"- {title}: {'; '.join(said)}.")
@@ -102,7 +102,8 @@ def difference(original: np.ndarray, learned: np.ndarray, when: str) -> str:
     means = (
         f"{learned.mean():.0f} points on the learned body, {original.mean():.0f} on the original"
     )
-    return f"{when} {means}: {change} ({verdict(c)})"
+    chance = "" if np.isnan(c["p"]) else f", p = {c['p']:.2g}"
+    return f"{when} {means}: {change} ({verdict(c)}{chance})"
 
 
 def figures(sources: Sources) -> dict[str, Figure]:

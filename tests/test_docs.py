@@ -13,6 +13,7 @@ import pytest
 from designrl.cli import parser
 from designrl.experiments import EXPERIMENTS
 from designrl.settings import TrainSettings
+from reproduce import build
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
@@ -77,6 +78,8 @@ def test_commands_are_as_written(page, command, tmp_path):
         dry = ["make", "-n", *words[1:]]
         done = subprocess.run(dry, cwd=ROOT, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
+        items = [word.removeprefix("reproduce-") for word in words if "reproduce-" in word]
+        assert set(items) <= set(build.ITEMS), "make takes any name"
     else:
         pytest.fail(f"nothing here knows {command!r}")
 
@@ -99,11 +102,19 @@ def test_extras_are_pinned_as_they_are_declared():
     assert all(re.fullmatch(r"#.*|[\w.-]+==[\w.]+", line) for line in pins)
 
 
-def test_links_lead_somewhere():
-    for page in PAGES:
-        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
-            if not target.startswith("http"):
-                assert (page.parent / target).exists(), f"{page.name}: {target}"
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "paper/report.md"], ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for name, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", page.read_text()):
+        file = page.parent / name if name else page
+        assert file.exists(), name
+        assert not anchor or anchor in anchors(file.read_text()), f"{name}#{anchor}"
+
+
+def anchors(text: str) -> set[str]:
+    """Those of headings, as GitHub makes them: small letters, hyphens, no other signs; and ids."""
+    headings = re.findall(r"^#+ (.*)$", text.lower(), re.MULTILINE)
+    found = {re.sub(r"[^\w-]", "", heading.replace(" ", "-")) for heading in headings}
+    return found | set(re.findall(r'id="([^"]+)"', text))
 
 
 def learning_rate(s: TrainSettings) -> str:

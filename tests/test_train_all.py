@@ -49,6 +49,7 @@ def test_the_plan_has_every_row_early_and_every_seed_once_by_its_recipe():
     for run in found:
         recipe = "paper" if run.name.startswith("paper") else "ours"
         assert f"--recipe {recipe} --seed {run.settings.seed}" in run.settings.command()
+        publish.check_name(run.name, Path(run.place), run.settings)
 
 
 def test_runs_are_trained_side_by_side_published_and_verified(project, capsys):
