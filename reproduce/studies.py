@@ -136,16 +136,17 @@ def hardcore_settings() -> Figure:
     axes = figure.subplots()
     at, mean = np.transpose(paper()["figure5"][LEARNER]["population"])
     axes.plot(at, mean - figure5.OFFSET, color="black", linewidth=2, alpha=0.8, label="the paper's")
-    papers = [read_published(path) for path in figure5.recorded(LEARNER)]
-    for runs, label, colour in (
-        (papers, "ours, the paper's settings", drawing.ORIGINAL),
-        (study(FEWER, LEARNER), "4 rollouts", drawing.LEARNED),
-        (study(FEWER_FAST, LEARNER), "4 rollouts, learning rate 0.02", drawing.THIRD),
-        (study(FEWER_WIDE, LEARNER), "4 rollouts, σ × 0.9998", drawing.GREY),
+    for found, label, colour in (
+        (figure5.recorded(LEARNER), "ours, the paper's settings", drawing.ORIGINAL),
+        (recorded(FEWER), "4 rollouts", drawing.LEARNED),
+        (recorded(FEWER_FAST), "4 rollouts, learning rate 0.02", drawing.THIRD),
+        (recorded(FEWER_WIDE), "4 rollouts, σ × 0.9998", drawing.GREY),
     ):
-        for run in runs:
-            style = {"color": colour, "linewidth": 0.8, "label": label}
-            axes.plot(run.generation, running_mean(run), **style)
+        for path in found:
+            seed = seed_of(path.parent.name)
+            run = read_run(path, LEARNER, seed)
+            style = {"color": colour, "linewidth": 0.8, "linestyle": "-" if seed else "--"}
+            axes.plot(run.generation, running_mean(run), label=label if seed else None, **style)
     axes.set_xlabel("generation")
     axes.set_ylabel("population's mean\nreturn in training (points)")
     axes.set_xlim(0, TRIED)
