@@ -238,7 +238,7 @@ def count_falls(sources: Sources) -> None:
         theirs = {AUTHOR: sources.authors(name)[1]} if sources.zoo else {}
         if not sources.zoo:
             rows += [row for row in old if row["experiment"] == name]
-        ours = {path.stem.replace("seed", "seed "): path for path in pretrained(name)}
+        ours = {path.stem: path for path in pretrained(name)}
         for run, path in (theirs | ours).items():
             agent = load(path, name)
             found = evaluate(agent, EPISODES, SEED, core_count()).scores
