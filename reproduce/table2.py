@@ -34,7 +34,9 @@ def csv_file() -> Path:
 
 
 def our_leg_areas(experiment: str) -> list[float]:
-    """Leg areas of our runs in % of the original, as they stand there."""
+    """Leg areas of our runs in % of the original, as they stand there; none without the file."""
+    if not csv_file().exists():
+        return []
     with csv_file().open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["experiment"] == experiment]
     return [float(row["leg_area"]) for row in rows if row["source"].startswith("ours")]
