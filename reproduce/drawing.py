@@ -17,7 +17,7 @@ from designrl.compare import rendered
 from designrl.evaluation import episode_seeds
 from designrl.files import write_atomically
 from designrl.policy import Agent
-from reproduce.paths import EIGHT
+from reproduce.paths import EIGHT, is_authors
 from reproduce.runs import SOLVED
 from reproduce.scores import EPISODES, MISSING, SEED, Score
 from reproduce.sources import Sources
@@ -63,7 +63,7 @@ def save(folder: Path, name: str, figure: Figure) -> list[Path]:
 
 def source_of(s: Score) -> str:
     """Whose run it is, as a figure says it."""
-    whose = "author's weights" if s.path.suffix == ".json" else "ours"
+    whose = "author's weights" if is_authors(s.path) else "ours"
     return f"{whose}, {s.run}"
 
 

@@ -42,6 +42,11 @@ def is_blooper(path: Path) -> bool:
     return path.name.startswith("blooper-")
 
 
+def is_authors(path: Path) -> bool:
+    """Whether a checkpoint is one of the author's files."""
+    return path.suffix == ".json"
+
+
 def seed_of(name: str) -> int | None:
     """The seed of a published run ("seed3", "paper-seed3", "blooper-seed3"), or None."""
     found = RUN.fullmatch(name)

@@ -10,6 +10,7 @@ steps of a rollout of the agent; all that the run's folder holds is not needed a
 import json
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,12 +102,17 @@ def check_name(name: str, run: Path, settings: TrainSettings) -> None:
     check_settings(name, run, settings, *KINDS[names[name]])
 
 
+def settings_of(experiment: str, recipe: str, seed: int) -> TrainSettings:
+    """Those of a recipe, which a run is published with; "paper" has the generations of SHOWN."""
+    settings = TrainSettings.of(experiment, recipe, seed=seed)
+    if recipe != "paper":
+        return settings
+    return replace(settings, generations=SHOWN.get(EIGHT[experiment].letter, settings.generations))
+
+
 def check_settings(name: str, run: Path, settings: TrainSettings, recipe: str, free: set) -> None:
     """Raise InputError where settings are not those of a recipe, but for the free ones."""
-    letter, changes = EIGHT[settings.experiment].letter, {}
-    if recipe == "paper" and letter in SHOWN:
-        changes = {"generations": SHOWN[letter]}
-    expected = vars(TrainSettings.of(settings.experiment, recipe, seed=settings.seed, **changes))
+    expected = vars(settings_of(settings.experiment, recipe, settings.seed))
     for setting, value in vars(settings).items():
         if value != expected[setting] and setting not in free:
             raise InputError(

@@ -6,7 +6,7 @@ README.md. The scores of the author's weights, which docs/fidelity.md shows, sta
 paper/author.csv, which ZOO=path makes anew: his files are not ours to publish.
 """
 
-import csv
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from tabulate import tabulate
 from designrl.errors import InputError
 from designrl.files import write_atomically
 from designrl.settings import TrainSettings
-from reproduce import paths, statistics, table2
+from reproduce import paths, statistics
 from reproduce.curves import HARDCORE
 from reproduce.paths import EIGHT, paper, recording_of
 from reproduce.runs import read_published
@@ -23,7 +23,7 @@ from reproduce.scores import EPISODES, SEED, score
 from reproduce.sources import AT_PAPERS, OURS, Sources, our_runs
 from reproduce.table2 import our_leg_areas
 from reproduce.table3 import over_runs, verdict
-from reproduce.tables import as_csv
+from reproduce.tables import as_csv, csv_file, read_csv
 
 START, END = "<!-- table3 -->", "<!-- /table3 -->"
 ANSWERS, ANSWERS_END = "<!-- answers -->", "<!-- /answers -->"
@@ -36,27 +36,21 @@ QUESTIONS = (
 )
 
 
-def table3_file() -> Path:
-    """Where the scores of our runs stand."""
-    return paths.ROOT / "paper" / "tables" / "table3.csv"
-
-
 def reads(sources: Sources) -> list[Path]:
     """The files that the table depends on."""
     read = [path for name in HARDCORE for source in COLUMNS for path in recordings_of(name, source)]
-    return [*sources.read_for(), table2.csv_file(), table3_file(), *read]
+    return [*sources.read_for(), csv_file("table2"), csv_file("table3"), *read]
 
 
 def by_experiment(path: Path) -> dict[str, dict]:
     """The rows of a CSV."""
-    with path.open(encoding="utf-8") as file:
-        return {record["experiment"]: record for record in csv.DictReader(file)}
+    return {row["experiment"]: row for row in read_csv(path)}
 
 
 def score_author(sources: Sources) -> None:
     """Score those of the author's weights that are there, and keep the results."""
     path = paths.ROOT / "paper" / "author.csv"
-    kept = by_experiment(path) if path.exists() else {}
+    kept = by_experiment(path)
     for name in EIGHT:
         s = score(sources.authors(name)[1], name, sources.backend)
         if not s.problem:
@@ -67,7 +61,7 @@ def score_author(sources: Sources) -> None:
 
 def our_numbers(source: str, what: str = "means") -> dict[str, list[float]]:
     """By experiment a number of each of our runs, of OURS or AT_PAPERS: a column of Table 3."""
-    column, ours = f"{COLUMNS[source]}_{what}", by_experiment(table3_file())
+    column, ours = f"{COLUMNS[source]}_{what}", by_experiment(csv_file("table3"))
     return {name: [float(number) for number in ours[name][column].split()] for name in EIGHT}
 
 
@@ -107,6 +101,7 @@ def answers() -> str:
 
 def score_answer(topic: str, without: str, with_: str) -> str:
     """Whether a learned body scores higher in our runs, as it does in the paper's."""
+    points = partial(statistics.difference, shape="{:+,.0f}", unit=" points")
     table4, parts = paper()["table4"], []
     theirs = statistics.compare(*(np.array(table4[name], float) for name in (without, with_)))
     for source in (OURS, AT_PAPERS):
@@ -119,19 +114,14 @@ def score_answer(topic: str, without: str, with_: str) -> str:
         if answer == "yes" and said["difference_high"] < theirs["difference_low"]:
             answer = "yes, by less"
         parts.append(
-            f"**{topic}{AT_SETTINGS[source]}: {answer}.** With a learned body, {gain(said)} in our "
-            f"runs ({len(before)} without it, {len(after)} with it), {gain(theirs)} in the paper's."
+            f"**{topic}{AT_SETTINGS[source]}: {answer}.** With a learned body, {points(said)} in "
+            f"our runs ({len(before)} without it, {len(after)} with it), {points(theirs)} in the "
+            "paper's."
         )
     of_each = (TrainSettings.of(name, "ours").generations for name in (without, with_))
     if parts and (longer := np.divide(*of_each)) != 1:
         parts.append(f"Ours without it had {longer:.2g} times the generations.")
     return " ".join(parts) or f"**{topic}: not known.** There are no runs of both yet."
-
-
-def gain(said: dict) -> str:
-    """A difference of means with its interval, where there is one."""
-    limits = statistics.interval(said["difference_low"], said["difference_high"], "{:+,.0f}")
-    return " ".join(filter(None, (f"{said['difference']:+,.0f} points", limits)))
 
 
 def speed_answer() -> str:
@@ -158,9 +148,8 @@ def bodies_answer() -> str:
         ours, letter = our_leg_areas(name), f"({EIGHT[name].letter})"
         if not ours:
             return "**Learned bodies: not known.** There are no runs of all four yet."
-        how = "larger" if np.mean(ours) > np.mean(theirs) else "smaller"
-        if statistics.permutation_p(np.array(theirs), np.array(ours)) >= statistics.SIGNIFICANT:
-            how = "not decided"
+        said = statistics.verdict(statistics.compare(np.array(theirs), np.array(ours)))
+        how = {"higher": "larger", "lower": "smaller"}.get(said, "not decided")
         lies[how].append(letter)
         limits = (f"{min(areas):.0f} to {max(areas):.0f}" for areas in (ours, theirs))
         parts.append(f"{letter} {' and '.join(limits)}")

@@ -18,6 +18,7 @@ class Run:
     """A recorded run.
 
     Attributes:
+        seed: of the run.
         papers: it has the paper's own settings.
         host: the machine, in words.
         generation: (G,) the recorded ones.
@@ -29,6 +30,7 @@ class Run:
         scores: (E,) points, mean over each evaluation's episodes.
     """
 
+    seed: int
     papers: bool
     host: str
     generation: np.ndarray
@@ -84,6 +86,7 @@ def read_run(path: Path, experiment: str, seed: int) -> Run:
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
     return Run(
+        seed=seed,
         papers=at_papers_settings(path.parent),
         host=recording.metadata.get("host", "an unknown machine"),
         generation=generation,

@@ -69,7 +69,7 @@ class Score:
     @property
     def run(self) -> str:
         """How tables call a run, ours "seed 0" for instance, the author's "run 1"."""
-        if self.path.suffix == ".json":
+        if paths.is_authors(self.path):
             number = self.path.stem.rpartition(".")[2]
             return f"run {number if number.isdigit() else 1}"
         settings = "the paper's settings, " * paths.at_papers_settings(self.path)
@@ -110,7 +110,7 @@ def unscored(path: Path, experiment: str) -> Score:
     try:
         agent = load(path, experiment)
         seed = agent.metadata.get("seed")
-        if path.suffix != ".json" and seed != seed_of(path.stem):
+        if not paths.is_authors(path) and seed != seed_of(path.stem):
             raise InputError(f"{path} is of seed {seed}; put back the one of its name")
     except InputError as error:
         return Score(path, problem=str(error).replace(str(path), shown(path)))

@@ -138,6 +138,12 @@ def interval(low: float, high: float, shape: str = "{:.0f}") -> str:
     return "" if np.isnan(low) else f"[{shape.format(low)}, {shape.format(high)}]"
 
 
+def difference(c: dict, shape: str = "{:+.0f}", unit: str = "") -> str:
+    """A comparison's difference of means as text, with its interval where there is one."""
+    limits = interval(c["difference_low"], c["difference_high"], shape)
+    return f"{shape.format(c['difference'])}{unit} {limits}".strip()
+
+
 Means = dict[str, dict[str, np.ndarray]]  # experiment -> source -> (n,) means of its runs
 
 
@@ -157,12 +163,10 @@ def pairs(means: Means, ours: list[Score]) -> Table:
             if len(a) and len(b):
                 c = compare(a, b)
                 records.append({"without": without, "with": with_, "source": source} | c)
-                limits = interval(c["difference_low"], c["difference_high"], "{:+.0f}")
                 chances = interval(c["probability_low"], c["probability_high"], "{:.0%}")
                 p = "" if np.isnan(c["p"]) else f"{c['p']:.4f}" if c["p"] >= 1e-4 else "< 0.0001"
-                difference = f"{c['difference']:+.0f} {limits}".strip()
                 chance = f"{c['probability']:.0%} {chances}" if chances else ""
-                numbers = [difference, chance, p]
+                numbers = [difference(c), chance, p]
                 words = verdict(c)
             cells = row(head, source, [f"{len(b)}, {len(a)}", *numbers], with_)
             rows.append([*cells, words])

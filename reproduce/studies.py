@@ -3,7 +3,6 @@
 ZOO=path python -m reproduce.studies    count falls anew, the author's too, in paper/falls.csv
 """
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from reproduce.paths import EIGHT, paper, pretrained, recordings, seed_of, unfin
 from reproduce.program import program
 from reproduce.runs import Run, read_published, read_run
 from reproduce.sources import Sources
-from reproduce.tables import as_csv
+from reproduce.tables import as_csv, csv_file, read_csv
 
 CAPTIONS = {
     "author_log": (
@@ -59,8 +58,7 @@ def falls_file() -> Path:
 
 def fall_rows() -> list[dict]:
     """The counted falls."""
-    text = falls_file().read_text() if falls_file().exists() else ""
-    return list(csv.DictReader(text.splitlines()))
+    return read_csv(falls_file())
 
 
 def reads(sources: Sources) -> list[Path]:
@@ -68,7 +66,7 @@ def reads(sources: Sources) -> list[Path]:
     found = [*recordings(LEARNER), *unfinished(LEARNER)]
     for name in (AUTHOR_LOG, FAST, FEWER, FEWER_FAST, FEWER_WIDE):
         found += recorded(name)
-    return [*sources.read_for(), falls_file(), table2.csv_file(), *found]
+    return [*sources.read_for(), falls_file(), csv_file("table2"), *found]
 
 
 # ---------------------------------------------------------------------------- the author's log
@@ -136,17 +134,16 @@ def hardcore_settings() -> Figure:
     axes = figure.subplots()
     at, mean = np.transpose(paper()["figure5"][LEARNER]["population"])
     axes.plot(at, mean - figure5.OFFSET, color="black", linewidth=2, alpha=0.8, label="the paper's")
-    for found, label, colour in (
-        (figure5.recorded(LEARNER), "ours, the paper's settings", drawing.ORIGINAL),
-        (recorded(FEWER), "4 rollouts", drawing.LEARNED),
-        (recorded(FEWER_FAST), "4 rollouts, learning rate 0.02", drawing.THIRD),
-        (recorded(FEWER_WIDE), "4 rollouts, σ × 0.9998", drawing.GREY),
+    papers = [read_published(path) for path in figure5.recorded(LEARNER)]
+    for runs, label, colour in (
+        (papers, "ours, the paper's settings", drawing.ORIGINAL),
+        (study(FEWER, LEARNER), "4 rollouts", drawing.LEARNED),
+        (study(FEWER_FAST, LEARNER), "4 rollouts, learning rate 0.02", drawing.THIRD),
+        (study(FEWER_WIDE, LEARNER), "4 rollouts, σ × 0.9998", drawing.GREY),
     ):
-        for path in found:
-            seed = seed_of(path.parent.name)
-            run = read_run(path, LEARNER, seed)
-            style = {"color": colour, "linewidth": 0.8, "linestyle": "-" if seed else "--"}
-            axes.plot(run.generation, running_mean(run), label=label if seed else None, **style)
+        for run in runs:
+            style = {"color": colour, "linewidth": 0.8, "linestyle": "-" if run.seed else "--"}
+            axes.plot(run.generation, running_mean(run), label=label, **style)
     axes.set_xlabel("generation")
     axes.set_ylabel("population's mean\nreturn in training (points)")
     axes.set_xlim(0, TRIED)

@@ -1,16 +1,12 @@
 """Table 2: the walkers' scores, leg areas and leg dimensions, the paper's and ours."""
 
-import csv
-from pathlib import Path
-
 import numpy as np
 
 from designrl.bodies.walker import WALKER, leg_area
-from reproduce import paths
 from reproduce.paths import EIGHT, paper, pretrained
 from reproduce.scores import MISSING, rewards_small_legs
-from reproduce.sources import Sources
-from reproduce.tables import PAPER, Table, mean_and_std, row
+from reproduce.sources import OURS, Sources
+from reproduce.tables import PAPER, Table, csv_file, mean_and_std, read_csv, row
 
 ENVIRONMENTS = {  # ours -> as the paper names it
     "designrl/BipedalWalker-v0": "BipedalWalker-v2",
@@ -28,18 +24,10 @@ def place(name: str) -> list[str]:
     return [ENVIRONMENTS[EIGHT[name].env_id], body]
 
 
-def csv_file() -> Path:
-    """Where its numbers stand."""
-    return paths.ROOT / "paper" / "tables" / "table2.csv"
-
-
 def our_leg_areas(experiment: str) -> list[float]:
-    """Leg areas of our runs in % of the original, as they stand there; none without the file."""
-    if not csv_file().exists():
-        return []
-    with csv_file().open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["experiment"] == experiment]
-    return [float(row["leg_area"]) for row in rows if row["source"].startswith("ours")]
+    """Leg areas of our runs in % of the original, as the table's CSV has them."""
+    rows = [row for row in read_csv(csv_file("table2")) if row["experiment"] == experiment]
+    return [float(row["leg_area"]) for row in rows if row["source"].startswith(OURS)]
 
 
 def legs(scales: np.ndarray) -> tuple[float, np.ndarray]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from tabulate import SEPARATING_LINE, tabulate
 
 from designrl.files import write_atomically
+from reproduce import paths
 from reproduce.paths import shown
 from reproduce.scores import Score, scoring_note
 from reproduce.sources import Sources
@@ -80,8 +81,8 @@ class Table:
         """A booktabs tabular."""
         rows = [SEPARATING_LINE if row is None else list(map(str, row)) for row in self.rows]
         text = tabulate(rows, self.header, tablefmt="latex_booktabs", disable_numparse=True)
-        heads = (rf"\multicolumn{{{span}}}{{l}}{{{group}}}" for group, span in self.groups or ())
         if self.groups:
+            heads = (rf"\multicolumn{{{span}}}{{l}}{{{group}}}" for group, span in self.groups)
             text = text.replace("\\toprule\n", f"\\toprule\n{' & '.join(heads)} \\\\\n", 1)
         return text + "\n"
 
@@ -106,15 +107,26 @@ class Table:
             [f"# {self.title}", self.markdown(), *self.notes, *self.origins(sources)]
         )
         contents = {"md": text + "\n", "tex": self.latex(), "csv": as_csv(self.records)}
-        paths = [sources.folder / "tables" / f"{self.name}.{kind}" for kind in contents]
-        for path, content in zip(paths, contents.values(), strict=True):
-            write_atomically(path, content.encode())
-        return paths
+        files = [sources.folder / "tables" / f"{self.name}.{kind}" for kind in contents]
+        for file, content in zip(files, contents.values(), strict=True):
+            write_atomically(file, content.encode())
+        return files
 
 
 def mean_and_std(mean: float, std: float) -> str:
     """A score as the paper prints it: the std with one decimal where it is below 10."""
     return f"{mean:.0f} ± {std:.1f}" if std < 10 else f"{mean:.0f} ± {std:.0f}"
+
+
+def csv_file(name: str) -> Path:
+    """Where the numbers of one of our tables stand."""
+    return paths.ROOT / "paper" / "tables" / f"{name}.csv"
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV; none where there is no file."""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    return list(csv.DictReader(text.splitlines()))
 
 
 def as_csv(records: Iterable[dict]) -> str:

@@ -35,7 +35,7 @@ from designrl.train import TrainingRun
 from reproduce import paths
 from reproduce.paths import EIGHT, shown
 from reproduce.program import program
-from reproduce.publish import SHOWN, publish
+from reproduce.publish import publish, settings_of
 
 # How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
 FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
@@ -89,9 +89,7 @@ def plan() -> Iterator[Planned]:
     first = list(seeds(FIRST, {}))
     yield from first[: len(FIRST)]
     for letter, seed in PAPER:
-        changes = {"generations": SHOWN[letter]} if letter in SHOWN else {}
-        settings = TrainSettings.of(names[letter], "paper", seed=int(seed), **changes)
-        yield Planned(settings, f"paper-seed{seed}")
+        yield Planned(settings_of(names[letter], "paper", int(seed)), f"paper-seed{seed}")
     yield from first[len(FIRST) :]
     for letter in BLOOPERS:
         settings = TrainSettings.of(names[letter], "ours", design_form="lognormal")

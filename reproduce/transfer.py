@@ -16,7 +16,7 @@ from designrl.errors import InputError
 from reproduce import drawing, paths
 from reproduce.curves import STEPS
 from reproduce.sources import Sources
-from reproduce.statistics import compare, interval, mean_interval, verdict
+from reproduce.statistics import compare, difference, mean_interval, verdict
 
 CAPTIONS = {
     "transfer": (
@@ -87,23 +87,21 @@ def answer() -> str:
         of_bodies, last = np.split(means, [len(original)]), -(-len(steps) // 10)
         parts = {"at the end": slice(-last, None), "on average over the training": slice(None)}
         said = [
-            difference(*(of_body[:, part].mean(axis=1) for of_body in of_bodies), when)
+            in_words(*(of_body[:, part].mean(axis=1) for of_body in of_bodies), when)
             for when, part in parts.items()
         ]
         lines.append(f"- {title}: {'; '.join(said)}.")
     return "\n".join(lines)
 
 
-def difference(original: np.ndarray, learned: np.ndarray, when: str) -> str:
+def in_words(original: np.ndarray, learned: np.ndarray, when: str) -> str:
     """The scores (S,) of each body's seeds as words: means, their difference, a verdict."""
     c = compare(original, learned)
-    limits = interval(c["difference_low"], c["difference_high"], "{:+.0f}")
-    change = f"{c['difference']:+.0f} {limits}".strip()
     means = (
         f"{learned.mean():.0f} points on the learned body, {original.mean():.0f} on the original"
     )
     chance = "" if np.isnan(c["p"]) else f", p = {c['p']:.2g}"
-    return f"{when} {means}: {change} ({verdict(c)}{chance})"
+    return f"{when} {means}: {difference(c)} ({verdict(c)}{chance})"
 
 
 def figures(sources: Sources) -> dict[str, Figure]:

@@ -672,7 +672,7 @@ def test_card_says_the_body_that_was_found():
     agent.metadata["settings"] = TrainSettings.of("ant-morphology").as_dict()
     s = scores.Score(Path("seed0.safetensors"), "", agent, returns)
     one = np.ones(1)
-    run = runs.Run(False, "a machine", one, one, one, 2 * one, one, one, one, one)
+    run = runs.Run(0, False, "a machine", one, one, one, 2 * one, one, one, one, one)
     card = publish.card(s, run)
     assert "2.00 core-hours" in card
     assert re.search(r"\| front left top +\| \d+ % \(0.\d+\)", card)
@@ -857,7 +857,7 @@ def test_ppos_answer_compares_the_bodies_at_the_end_and_over_the_training(projec
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("steps,mean\n0,1\n7,2\n", "has other steps than .*seed0.csv"),
+        ("steps,mean\n0,1\n7,2\n", "has other steps than .*original/seed0.csv; train both"),
         ("steps,mean\n0,high\n", "is not a curve of train_ppo.py"),
         ("a,b\n0,1\n", "is not a curve of train_ppo.py"),
     ],
