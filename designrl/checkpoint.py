@@ -80,8 +80,7 @@ def read_tensors(path: str | Path, format_name: str) -> tuple[dict[str, np.ndarr
         )
     if found != format_name:
         raise InputError(damaged)
-    # Files of before 2026-11-22 have no hash; nothing else would show a flipped bit in a weight.
-    if metadata.pop("sha256", None) not in (None, _content_hash(tensors, metadata)):
+    if metadata.pop("sha256", None) != content_hash(tensors, metadata):
         raise InputError(damaged)
     return tensors, metadata
 
@@ -92,7 +91,8 @@ def _is_deep(value, left: int) -> bool:
     return left == 0 or any(_is_deep(child, left - 1) for child in inside)
 
 
-def _content_hash(tensors: dict[str, np.ndarray], metadata: dict) -> str:
+def content_hash(tensors: dict[str, np.ndarray], metadata: dict) -> str:
+    """What a file's "sha256" says of all else in it."""
     digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
     for name in sorted(tensors):
         t = tensors[name]
@@ -106,7 +106,7 @@ def write_tensors(
     """The reverse of `read_tensors`; the same input gives the same bytes."""
     # As it will be read: JSON has no tuples and no numbers as keys.
     metadata = json.loads(json.dumps({"format": format_name, **metadata}))
-    text = json.dumps({**metadata, "sha256": _content_hash(tensors, metadata)}, sort_keys=True)
+    text = json.dumps({**metadata, "sha256": content_hash(tensors, metadata)}, sort_keys=True)
     write_atomically(path, safetensors.numpy.save(tensors, metadata={"designrl": text}))
 
 

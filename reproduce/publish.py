@@ -19,6 +19,7 @@ from tabulate import tabulate
 
 from designrl.compare import rendered
 from designrl.errors import InputError
+from designrl.experiments import Experiment
 from designrl.files import file_hash, write_atomically
 from designrl.names import load
 from designrl.recording import record_rollout, thin
@@ -31,7 +32,10 @@ from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 from reproduce.statistics import mean_interval
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
-WHOLE, DISTRIBUTIONS = "seed0", 20  # of this run the whole rollout, and so many distributions
+WHOLE = "seed0"  # of this run of an experiment the whole rollout
+# Of one run of an experiment so many distributions: by letter, and seed 0 of the others. Runs that
+# were published before all were recorded have three.
+DISTRIBUTIONS, OFTEN = 20, {"a": "seed5", "b": "seed5", "g": "paper-seed1"}
 # How names of runs begin -> the recipe of such a run, and what may differ from that.
 KINDS = {
     "": ("ours", set()),
@@ -71,15 +75,14 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
     if not is_it and not replace and (checkpoint.exists() or log.exists()):
         there = checkpoint if checkpoint.exists() else log
         raise InputError(f"{there} is of another run, which stays; train one with another seed")
-    whole = name == WHOLE
-    keep = KEPT | ({"/distribution": DISTRIBUTIONS} if whole else {})
     rollout = Path("rollouts", f"generation{agent.metadata['generation']:05d}.mcap")
     log.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=log.parent) as folder:  # whole, or not at all
         new = Path(folder, "new")
         new.mkdir()
-        thin(run / "generations.mcap", new / "generations.mcap", keep)
-        record_rollout(agent, new / rollout, SEED, steps=None if whole else ROLLOUT_STEPS)
+        most = messages_kept(agent.experiment, name)
+        thin(run / "generations.mcap", new / "generations.mcap", most)
+        record_rollout(agent, new / rollout, SEED, steps=None if name == WHOLE else ROLLOUT_STEPS)
         write_atomically(checkpoint, content)
         shutil.rmtree(log, ignore_errors=True)
         new.rename(log)
@@ -90,6 +93,12 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
     write_atomically(checkpoint.with_suffix(".md"), card(s, kept).encode())
     add_to_index(s)
     return f"{checkpoint}, its card, its curve and {log} written"
+
+
+def messages_kept(experiment: Experiment, name: str) -> dict[str, int]:
+    """Of each topic of a run's recording, how many messages are published at most."""
+    often = name == OFTEN.get(experiment.letter, WHOLE)
+    return KEPT | ({"/distribution": DISTRIBUTIONS} if often else {})
 
 
 def check_name(name: str, run: Path, settings: TrainSettings) -> None:
@@ -194,7 +203,7 @@ def card(s: Score, run: Run) -> str:
         f"{np.median(s.returns):.1f}, lowest {s.returns.min():.1f}, highest "
         f"{s.returns.max():.1f}).{theirs}",
         f"**Cost** {run.steps_with(s.agent):,} environment steps, {run.core_hours[-1]:.2f} "
-        f"core-hours, {run.hours[-1]:.2f} hours on {run.host}. "
+        f"core-hours, {run.hours[-1]:.2f} hours, {run.host}. "
         f"Of {run.generation[-1] + 1:,} generations the agent after number {m['generation']:,} is "
         f"kept ({m['environment_steps']:,} steps): the one with the best evaluation during "
         f"training ({m['score']:.1f} over {m['score_episodes']} episodes{factor}).",
@@ -210,15 +219,17 @@ def card(s: Score, run: Run) -> str:
         rows = [[part, *sides.values()] for part, sides in parts.items()]
         paragraphs.append(tabulate(rows, header, tablefmt="github", disable_numparse=True))
     command = TrainSettings(**m["settings"]).command()
-    evaluation = f"designrl evaluate {experiment.name}/{s.path.stem} --episodes {EPISODES}"
-    evaluation += f" --seed {SEED}"
+    name = f"{experiment.name}/{s.path.stem}"
+    evaluation = f"designrl evaluate {name} --episodes {EPISODES} --seed {SEED}"
     paragraphs.append(
-        f"**Commands** that train it and score it\n\n```\n{command}\n{evaluation}\n```"
+        "**Commands** that trained it ([would they again?](../../docs/fidelity.md"
+        "#do-the-published-runs-come-out-again)) and score it\n\n"
+        f"```\n{command}\n{evaluation}\n```"
     )
     note = scores.scoring_note("engine")
-    origin = f"**Origin of the score.** {note} Settings: `designrl info`."
+    origin = f"**Origin of the score.** {note} Settings: `designrl info {name}`."
     if (log := recording_of(s.path)).exists():
-        place = f"logs/{experiment.name}/{s.path.stem}"
+        place = f"logs/{name}"
         origin += f" Recording: [{place}](../../{place}), sha256 {file_hash(log)}."
     paragraphs.append(origin)
     return "\n\n".join(paragraphs) + "\n"

@@ -8,6 +8,7 @@ import numpy as np
 from designrl.errors import InputError
 from designrl.policy import Agent
 from designrl.recording import read
+from designrl.recording.mcap_file import RESUMED
 from reproduce.paths import at_papers_settings, seed_of
 
 SOLVED = 300.0  # points, for the walkers
@@ -20,7 +21,7 @@ class Run:
     Attributes:
         seed: of the run.
         papers: it has the paper's own settings.
-        host: the machine, in words.
+        host: the machine that it ran or began on, in words, with the preposition.
         generation: (G,) the recorded ones.
         steps, hours, core_hours: (G,) environment steps, wall time and processor time from the
             run's start to a generation's end.
@@ -83,12 +84,14 @@ def read_run(path: Path, experiment: str, seed: int) -> Run:
     names = ("total_steps", "seconds", "cpu_seconds", "mean", "sd")
     steps, seconds, cpu_seconds, mean, sd = (recording.array("/summary", name) for name in names)
     tested, means = np.empty(0, np.uint32), np.empty(0)
+    host = recording.metadata.get("host", "an unknown machine")
+    resumed = any(name.startswith(RESUMED) for name, _ in recording.metadata_records)
     if recording.topics.get("/evaluation"):
         tested, means = (recording.array("/evaluation", name) for name in ("generation", "mean"))
     return Run(
         seed=seed,
         papers=at_papers_settings(path.parent),
-        host=recording.metadata.get("host", "an unknown machine"),
+        host=f"begun on {host}" if resumed else f"on {host}",
         generation=generation,
         steps=steps,
         hours=seconds / 3600,

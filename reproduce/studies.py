@@ -114,8 +114,8 @@ def author_log_answer() -> str:
     at, mean = at[within], mean[within]
     ours = np.array([np.interp(at, run.generation, running_mean(run)) for run in runs])
     below, above = at[mean < ours.min(axis=0)], at[mean > ours.max(axis=0)]
-    said = f"{len(at) - len(below) - len(above)} of {len(at)} points of his log lie within the "
-    said += f"range of our {len(runs)} runs"
+    said = f"{len(at) - len(below) - len(above)} of the {len(at)} points of his log that our runs "
+    said += f"reach lie within the range of our {len(runs)}"
     for outside, words in ((below, "below"), (above, "above")):
         if len(outside):
             said += f"; {len(outside)} lie {words} all of ours (generations {listed(outside)})"
@@ -199,7 +199,7 @@ def leg_areas() -> Figure:
     axes.set_xticks(range(len(printed)), titles)
     axes.axhline(100, color=drawing.GREY, linewidth=0.6, linestyle="--", zorder=0)
     axes.set_ylabel("leg area (% of the original)")
-    axes.set_ylim(0, 130)
+    axes.set_ylim(bottom=0)
     drawing.legend(figure, axes, ncols=2)
     return figure
 

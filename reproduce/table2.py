@@ -25,9 +25,9 @@ def place(name: str) -> list[str]:
 
 
 def our_leg_areas(experiment: str) -> list[float]:
-    """Leg areas of our runs in % of the original, as the table's CSV has them."""
+    """Leg areas of our runs in % of the original, as the table's CSV has them; of the recipe's."""
     rows = [row for row in read_csv(csv_file("table2")) if row["experiment"] == experiment]
-    return [float(row["leg_area"]) for row in rows if row["source"].startswith(OURS)]
+    return [float(row["leg_area"]) for row in rows if row["source"].startswith(f"{OURS}, seed")]
 
 
 def legs(scales: np.ndarray) -> tuple[float, np.ndarray]:

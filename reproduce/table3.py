@@ -10,27 +10,15 @@ from reproduce.tables import PAPER, Cell, Table
 READS = tuple(EIGHT)
 
 
-def in_words(name: str, mean: float) -> str:
-    """How the mean of our runs of an experiment lies to the paper's runs."""
-    paper_mean, runs = paper()["table3"][name][0], paper()["table4"][name]
-    difference = mean - paper_mean
-    size = f"{abs(difference):.0f} ({abs(difference) / paper_mean:.1%})"
-    words = f"{size} {'above' if difference > 0 else 'below'} the paper's mean"
-    if abs(difference) < 0.5:
-        words = "the paper's mean"
-    return {
-        "above": f"{words}, better than its best run ({max(runs):.0f})",
-        "below": f"{words}, worse than its worst run ({min(runs):.0f})",
-        "within": f"{words}, within its runs ({min(runs):.0f} to {max(runs):.0f})",
-    }[verdict(name, mean)]
-
-
 def verdict(name: str, mean: float) -> str:
-    """ "within" the range of the paper's runs of an experiment, "above" or "below" it."""
-    runs = paper()["table4"][name]  # whole points
+    """How the mean of our runs of an experiment lies to the mean and the range of the paper's."""
+    difference = mean - paper()["table3"][name][0]
+    runs, place = paper()["table4"][name], "within"  # whole points
     if mean > max(runs) + 0.5:
-        return "above"
-    return "below" if mean < min(runs) - 0.5 else "within"
+        place = "above"
+    elif mean < min(runs) - 0.5:
+        place = "below"
+    return f"{difference:+.0f}, {place} its runs"
 
 
 def summary(prefix: str, runs: list[Score]) -> dict:
@@ -46,28 +34,24 @@ def summary(prefix: str, runs: list[Score]) -> dict:
     }
 
 
-def of_runs(runs: list[Score]) -> str:
-    """`over_runs` of scores."""
-    return over_runs([s.mean for s in runs], [s.std for s in runs])
-
-
 def std_over_runs(means: list[float]) -> float:
     """Sample standard deviation, with which the paper's Table 3 follows from its Table 4."""
     return float(np.std(means, ddof=1))
 
 
-def over_runs(means: list[float], stds: list[float]) -> str:
+def of_runs(runs: list[Score]) -> str:
     """Mean ± std over runs as printed; of a single run, over its rollouts and with *."""
+    means = [s.mean for s in runs]
     if len(means) == 1:
-        return f"{means[0]:.0f} ± {stds[0]:.1f} *"
+        return f"{means[0]:.0f} ± {runs[0].std:.1f} *"
     return f"{np.mean(means):.0f} ± {std_over_runs(means):.1f}"
 
 
 def tables(sources: Sources) -> list[Table]:
     """The table."""
     printed = paper()
-    header = ["", "Experiment", "Paper (10 runs)", "Ours", "Our runs"]
-    header += ["Ours, the paper's settings (runs)", "Ours is"]
+    header = ["", "Experiment", "Paper (10 runs)", "Ours", "Runs"]
+    header += ["Ours, the paper's settings (runs)", "Ours less the paper's"]
     if sources.zoo:
         header += ["Author's weights, here", "of runs (the paper's mean of these)"]
     rows, records, used, mine = [], [], [], (OURS, AT_PAPERS)
@@ -80,7 +64,7 @@ def tables(sources: Sources) -> list[Table]:
         recipe, papers = ours[OURS], ours[AT_PAPERS]
         # A row's verdict is on what it shows first.
         first = next((source for source, runs in ours.items() if runs), None)
-        words = in_words(name, np.mean([s.mean for s in ours[first]])) if first else ""
+        words = verdict(name, np.mean([s.mean for s in ours[first]])) if first else ""
         if first == AT_PAPERS:
             words = f"with the paper's settings {words}"
         problems = [s.problem for source in ours for s in found[source].values() if s.problem]
@@ -96,20 +80,20 @@ def tables(sources: Sources) -> list[Table]:
         if sources.zoo:
             theirs = found["author's weights"]
             good = {run: s for run, s in theirs.items() if not s.problem}
-            means, stds = [s.mean for s in good.values()], [s.std for s in good.values()]
             if good:
                 same = np.mean([printed["table4"][name][run - 1] for run in good])
-                cells += [over_runs(means, stds), f"{', '.join(map(str, good))} ({same:.0f})"]
+                cells += [of_runs(list(good.values())), f"{', '.join(map(str, good))} ({same:.0f})"]
             else:
                 cells += [theirs[1].problem, ""]
-            record["author_means"] = " ".join(f"{mean:.4f}" for mean in means)
+            record["author_means"] = " ".join(f"{s.mean:.4f}" for s in good.values())
             record["author_runs"] = " ".join(map(str, good))
         rows.append(cells)
         records.append(record)
     note = (
         "Mean ± sample standard deviation over runs of the average score of 100 rollouts. Ours are "
-        f"of our recipe. 'Ours is' is on them, or on {ENOUGH} and more runs at the "
-        "paper's settings."
+        "of our recipe. The last column has the difference of the means, and how ours lies to the "
+        "range of the paper's ten runs; where there are at least "
+        f"{ENOUGH} runs at the paper's settings, they are compared."
     )
     if any("*" in str(cell) for cells in filter(None, rows) for cell in cells):
         note += " *: one run; the standard deviation is over its rollouts."

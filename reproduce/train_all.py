@@ -29,13 +29,12 @@ from designrl.files import write_atomically
 from designrl.numeric import whole_number
 from designrl.provenance import core_count
 from designrl.recording import read, thin
-from designrl.recording.run import KEPT
 from designrl.settings import TrainSettings
 from designrl.train import TrainingRun
 from reproduce import paths
 from reproduce.paths import EIGHT, shown
 from reproduce.program import program
-from reproduce.publish import publish, settings_of
+from reproduce.publish import messages_kept, publish, settings_of
 
 # How many seeds, from 0 on, of each experiment are trained first; then up to how many. By letters.
 FIRST = {"c": 10, "d": 10, "e": 10, "g": 5, "b": 5, "a": 5, "f": 3, "h": 3}
@@ -200,7 +199,8 @@ def save(left: list[Planned], folder: Path) -> None:
         if (source / "state.safetensors").exists():
             target.mkdir(parents=True, exist_ok=True)
             # A resume says which generations have no summary, so these are complete.
-            keep = {topic: count for topic, count in KEPT.items() if topic != "/summary"}
+            keep = messages_kept(get_experiment(run.settings.experiment), run.name)
+            del keep["/summary"]
             thin(source / "generations.mcap", target / "generations.mcap", keep)
             # The state last: with an older one, what is there goes on from an earlier generation.
             for name in ("best.safetensors", "state.safetensors"):

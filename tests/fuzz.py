@@ -28,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import safetensors.numpy
 import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
@@ -36,7 +37,6 @@ from mcap.records import Chunk
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from hostile import FILES, check  # noqa: E402
 from test_recording import write_run  # noqa: E402
 
 from designrl import checkpoint, names  # noqa: E402
@@ -136,7 +136,8 @@ def damage_safetensors(data: bytes, rng: random.Random) -> bytes:
         for _ in range(rng.choice([1, 1, 2])):
             about = damage_tree(about, rng)
         if isinstance(about, dict) and rng.random() < 0.8:
-            about.pop("sha256", None)  # which would show all of it
+            about.pop("sha256", None)  # that of before would show all of it
+            about["sha256"] = checkpoint.content_hash(safetensors.numpy.load(data), about)
         header["__metadata__"]["designrl"] = json.dumps(about)
     else:
         header = damage_tree(header, rng)
@@ -352,12 +353,6 @@ def main() -> int:
             print(kind, "read" if read_file(Path(name), kind, data) else "refused")
             return 0
     counts, wrong = Counter(), []
-    with tempfile.TemporaryDirectory(prefix="designrl-") as name:
-        for what in FILES if options.files >= BATCH * 10 else ():  # the suite has them, too
-            try:
-                check(Path(name), what)
-            except AssertionError as error:
-                wrong.append(str(error))
     starts = range(0, options.files, BATCH)
     batches = [range(start, min(start + BATCH, options.files)) for start in starts]
     # A fresh process for each batch: what one file leaves behind must not hide what another does.

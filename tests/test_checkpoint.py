@@ -63,9 +63,12 @@ def test_flipped_bits_are_noticed(tmp_path):
     data = (tmp_path / "a.safetensors").read_bytes()
     rng = np.random.default_rng(0)
     places = [*rng.integers(0, 700, 300), *rng.integers(0, len(data), 300), len(data) - 1]
-    for place in places:
+    flips = [(place, 1 << rng.integers(8)) for place in places]
+    key = data.index(b"sha256")  # a hash of another name is none
+    flips += [(place, 1 << bit) for place in range(key, key + 6) for bit in range(8)]
+    for place, bit in flips:
         changed = bytearray(data)
-        changed[place] ^= 1 << rng.integers(8)
+        changed[place] ^= bit
         (tmp_path / "changed.safetensors").write_bytes(changed)
         with pytest.raises(InputError, match=r"changed\.safetensors"):
             load(tmp_path / "changed.safetensors")

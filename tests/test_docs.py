@@ -117,12 +117,6 @@ def anchors(text: str) -> set[str]:
     return found | set(re.findall(r'id="([^"]+)"', text))
 
 
-def test_the_report_has_an_origin_for_each_experiment():
-    ids = anchors((ROOT / "paper/report.md").read_text())
-    for experiment in EXPERIMENTS.values():
-        assert f"origin-{experiment.letter}" in ids
-
-
 def learning_rate(s: TrainSettings) -> str:
     if s.learning_rate_decay == 1:
         return f"{s.learning_rate}, constant"

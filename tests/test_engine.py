@@ -89,16 +89,6 @@ def test_trained_policies_walk_the_same_course_and_earn_the_bonus_of_shaped_rewa
     assert compare(case)[1] is None
 
 
-@pytest.mark.parametrize("bound", [-30.0, 30.0])
-@pytest.mark.parametrize("experiment", TERRAINS)
-def test_extreme_bodies_equal_box2d(experiment, bound):
-    rng = np.random.default_rng(5)
-    weights = rng.standard_normal(NETWORK.num_parameters)
-    parameters = np.r_[weights, np.full(WALKER.design.size, bound)]
-    for seed in (1, 2):
-        assert compare(Case("random", experiment, parameters, seed))[1] is None
-
-
 def test_the_two_lidars_differ_and_each_equals_box2d():
     batch = random_batch(24, 1, seed=9)
     seen = {}
@@ -246,12 +236,6 @@ def test_every_instruction_set_equals_box2d(isa, monkeypatch):
 def test_what_the_library_does_not_have_or_would_leave_its_memory_is_refused(change, message):
     with pytest.raises(InputError, match=message):
         rollout(**{"task": FLAT, **random_batch(4, 1), **change})
-
-
-def test_an_unknown_instruction_set_in_the_environment_is_refused(monkeypatch):
-    monkeypatch.setenv(engine.ISA_VARIABLE, "mmx")
-    with pytest.raises(InputError, match="mmx"):
-        instruction_set()
 
 
 @pytest.mark.parametrize("widths", [300.0, 1000.0])

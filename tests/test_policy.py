@@ -99,12 +99,6 @@ def test_wrong_parameters_are_refused():
             Agent(get_experiment("biped"), strange)
 
 
-def test_a_network_of_another_experiment_is_refused():
-    size = AUTHOR_ANT_NETWORK.num_parameters
-    with pytest.raises(InputError, match="biped does not have the network"):
-        Agent(get_experiment("biped"), np.zeros(size), AUTHOR_ANT_NETWORK)
-
-
 def test_an_unknown_experiment_is_answered_with_the_nearest_name():
     with pytest.raises(InputError, match="did you mean 'biped-hardcore'"):
         get_experiment("biped-hardcor")

@@ -188,15 +188,6 @@ def test_summary_and_design_follow_from_the_distribution(run):
         assert np.array_equal(recording.array("/design", field), expected)
 
 
-def test_rollouts_per_candidate_may_change_in_a_run(tmp_path):
-    with RunWriter(tmp_path / "run.mcap", ABOUT) as writer:
-        writer.generation(Generation(**generation(0, rollouts=1)))
-        writer.generation(Generation(**generation(1, rollouts=4)))
-    found = read(tmp_path / "run.mcap").array("/returns", "returns")
-    assert [a.shape for a in found] == [(6, 1), (6, 4)]
-    assert np.array_equal(found[1], generation(1, rollouts=4)["returns"])
-
-
 # ---------------------------------------------------------------------- crashes and resumes
 
 
