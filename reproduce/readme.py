@@ -67,7 +67,7 @@ def our_means(source: str) -> dict[str, list[float]]:
 def table() -> str:
     """Table 3, without the columns that only ZOO=path adds."""
     lines = csv_file("table3").with_suffix(".md").read_text(encoding="utf-8").splitlines()
-    return "\n".join("|".join(line.split("|")[:8]) + "|" for line in lines if line[:1] == "|")
+    return "\n".join("|".join(line.split("|")[:8]) + "|" for line in lines if line.startswith("|"))
 
 
 def answers() -> str:

@@ -618,7 +618,8 @@ def test_the_authors_log_is_compared_with_the_range_of_our_runs(project):
         target.parent.mkdir(parents=True)
         shutil.copyfile(ROOT / target.relative_to(project), target)
     said = studies.author_log_answer()
-    assert re.match(r"\d+ of the 33 points of his log that our runs reach lie within the", said)
+    within = r"\d+ of the 33 points of his log that our runs reach lie within the range of our 2; "
+    assert re.match(within, said)
     assert studies.listed(np.array([50, 600, 650, 700])) == "50, 600 to 700"
 
 

@@ -84,6 +84,28 @@ def test_smaller_legs_multiply_the_rewards_of_training_only():
     np.testing.assert_allclose(scaled.returns[:, 0], factor * forgiven.returns[:, 0])
 
 
+@pytest.mark.parametrize(
+    ("name", "weights"),
+    [
+        ("biped-hardcore-morphology-smaller-leg", {"energy": 2.0, "fall": 0.3, "leg_area": -1.5}),
+        ("ant-morphology", {"progress": 0.7, "electricity": 3.0, "stall": 0.0}),
+    ],
+)
+def test_weighted_rewards_have_the_same_bits_in_the_engine_and_in_the_reference(name, weights):
+    parameters, seeds = candidates(name, 3), np.arange(6).reshape(3, 2)
+    results = []
+    for backend in ("engine", "reference"):
+        with Simulator(name, backend, reward_weights=weights) as simulator:
+            assert simulator.backend == backend
+            results += [simulator.rollout(parameters, seeds, training=t) for t in (False, True)]
+    with Simulator(name) as simulator:
+        plain = simulator.rollout(parameters, seeds)
+    for ours, theirs in (results[::2], results[1::2]):
+        np.testing.assert_array_equal(ours.returns, theirs.returns)
+        np.testing.assert_array_equal(ours.steps, plain.steps)
+        assert (ours.returns != plain.returns).all()
+
+
 @pytest.mark.parametrize("backend", ["engine", "reference"])
 def test_shaped_rewards_have_weights_but_of_what_costs_nothing(backend):
     parameters, seeds = candidates("biped", 2), np.zeros((2, 1), dtype=int)

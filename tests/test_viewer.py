@@ -6,6 +6,7 @@ import ipaddress
 import json
 import os
 import re
+import select
 import shutil
 import socket
 import subprocess
@@ -302,6 +303,42 @@ def test_a_window_gets_its_recording_by_its_input_and_binds_here(folder, tmp_pat
     words = Path(f"{rerun}.words").read_text()
     assert words == "true --bind 127.0.0.1 --port 0 -\n"
     assert "/generations/sigma" in logged(Path(f"{rerun}.rrd"))
+
+
+def test_a_window_opens_beside_a_stranger_who_holds_reruns_port(folder, monkeypatch):
+    if not shutil.which("Xvfb"):
+        pytest.skip("needs Xvfb")
+    made = []
+
+    class Kept(Rerun):
+        def __init__(self, *arguments, **kwargs):
+            super().__init__(*arguments, **kwargs)
+            made.append(self)
+
+    monkeypatch.setattr(viewer, "Rerun", Kept)
+    command = ["Xvfb", "-displayfd", "1", "-nolisten", "tcp"]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as x11,
+        socket.socket() as stranger,
+    ):
+        try:
+            monkeypatch.setenv("DISPLAY", f":{int(x11.stdout.readline())}")
+            monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+            stranger.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                stranger.bind(("127.0.0.1", 9876))
+            except OSError:
+                pytest.skip("port 9876 is in use")
+            stranger.listen()
+            viewer.replay([folder / "generations.mcap"])
+            with made[0] as rerun:  # which ends it
+                if rerun.says(NO_DRIVER_MESSAGE):
+                    pytest.skip(NO_DRIVER)
+                assert rerun.viewer().get_state().recordings
+                assert {address for address, _ in listening(rerun)} == {"127.0.0.1"}
+            assert not select.select([stranger], [], [], 0)[0]
+        finally:
+            x11.terminate()
 
 
 @pytest.mark.parametrize("options", [["--serve-web", "--web-viewer-port", "0"], ["--headless"]])
