@@ -66,18 +66,22 @@ def stub_scores(agent, episodes, seed, *_):
     return Evaluation(agent.experiment.name, seed, returns, returns, agent.design, 0.0)
 
 
-@pytest.fixture
-def project(tmp_path, monkeypatch):
-    """An empty project folder, where evaluations take no time and small runs are published."""
-    (tmp_path / "paper").mkdir()
+def empty_project(folder: Path, monkeypatch) -> Path:
+    """A project's folder, where evaluations take no time and small runs are published."""
+    (folder / "paper").mkdir()
     marks = f"{readme.ANSWERS}\nold\n{readme.ANSWERS_END}\n{readme.START}\nold\n{readme.END}"
-    (tmp_path / "README.md").write_text(f"# Results\n{marks}\nmore\n")
+    (folder / "README.md").write_text(f"# Results\n{marks}\nmore\n")
     for name in ("paper.toml", "author.csv"):
-        shutil.copyfile(ROOT / "paper" / name, tmp_path / "paper" / name)
-    monkeypatch.setattr(paths, "ROOT", tmp_path)
+        shutil.copyfile(ROOT / "paper" / name, folder / "paper" / name)
+    monkeypatch.setattr(paths, "ROOT", folder)
     monkeypatch.setattr(scores, "evaluate", stub_scores)
     monkeypatch.setattr(publish, "check_settings", lambda *_: None)
-    return tmp_path
+    return folder
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    return empty_project(tmp_path, monkeypatch)
 
 
 def pretrain(project, experiment: str, name: str = "seed0", seed: int = 0):
@@ -644,11 +648,20 @@ def test_what_is_of_another_run_than_its_name_says_is_not_used(trained, project,
 # ------------------------------------------------------------------------------------- publishing
 
 
+@pytest.fixture(scope="module")
+def publication(short_run, tmp_path_factory):
+    """A project's folder with a short run and what was published from it."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        folder = empty_project(tmp_path_factory.mktemp("project"), monkeypatch)
+        publish.publish(shutil.copytree(short_run, folder / "runs/biped/seed0"), "seed0")
+    return folder
+
+
 @pytest.fixture
-def published_run(trained, project):
+def published_run(publication, project):
     """A run's folder and the checkpoint that was published from it."""
-    publish.publish(trained, "seed0")
-    return trained, project / "pretrained" / "biped" / "seed0.safetensors"
+    shutil.copytree(publication, project, dirs_exist_ok=True)
+    return project / "runs/biped/seed0", project / "pretrained/biped/seed0.safetensors"
 
 
 def contents(project) -> dict[Path, bytes]:
