@@ -18,5 +18,4 @@ CAPTIONS = {
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     return {"figure1": drawing.strips(sources, READS, ("Original body", "Learned body"))}

@@ -48,7 +48,6 @@ def loop(axes: Axes, altered: bool) -> None:
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 2.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     loop(left, altered=False)

@@ -79,7 +79,6 @@ def capsule(axes: Axes, start, end, radius: float, colour: str) -> None:
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 4.6), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=[2.4, 2.1])
     strips = above.subplots(2, 1)

@@ -12,5 +12,4 @@ CAPTIONS = {
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     return {"figure4": drawing.strips(sources, READS, ("Original body", "Learned body"))}

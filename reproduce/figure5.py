@@ -85,7 +85,6 @@ def draw_ours(left: Axes, right: Axes, experiment: str, colour: str) -> None:
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 3.0), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     for experiment, colour in zip(HARDCORE, COLOURS, strict=True):

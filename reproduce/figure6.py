@@ -11,5 +11,4 @@ CAPTIONS = {"figure6": ("Figure 6", CAPTION)}
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     return {"figure6": drawing.strips(sources, READS, ("Smaller legs", "Smaller legs, hardcore"))}

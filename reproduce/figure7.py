@@ -16,6 +16,5 @@ CAPTIONS = {
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     labels = ("Another design", "Another design, hardcore")
     return {"figure7": drawing.strips(sources, READS, labels, rank=1)}

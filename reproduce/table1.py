@@ -27,7 +27,6 @@ def percentages(scales: np.ndarray) -> np.ndarray:
 
 
 def tables(sources: Sources) -> list[Table]:
-    """The table."""
     printed = paper()["table1"]
     found = sources.by_label(EXPERIMENT, scored=False)
     bodies = {PAPER: np.array([printed[part] for part in ANT_PARTS], dtype=float)}

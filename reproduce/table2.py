@@ -37,7 +37,6 @@ def legs(scales: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def tables(sources: Sources) -> list[Table]:
-    """The table."""
     printed = paper()["table2"]
     rows, records, used = [], [], []
 

@@ -48,7 +48,6 @@ def of_runs(runs: list[Score]) -> str:
 
 
 def tables(sources: Sources) -> list[Table]:
-    """The table."""
     printed = paper()
     header = ["", "Experiment", "Paper (10 runs)", "Ours", "Runs"]
     header += ["Ours, the paper's settings (runs)", "Ours less the paper's"]

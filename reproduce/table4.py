@@ -14,7 +14,6 @@ READS = tuple(EIGHT)
 
 
 def tables(sources: Sources) -> list[Table]:
-    """The table."""
     printed = paper()["table4"]
     found = sources.by_source(*EIGHT)
     runs = max(

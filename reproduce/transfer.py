@@ -105,7 +105,6 @@ def in_words(original: np.ndarray, learned: np.ndarray, when: str) -> str:
 
 
 def figures(sources: Sources) -> dict[str, Figure]:
-    """The figure."""
     figure = Figure(figsize=(drawing.WIDTH, 2.3), layout="constrained")
     for axes, (task, title) in zip(figure.subplots(1, len(TASKS)), TASKS.items(), strict=True):
         for body in BODIES:

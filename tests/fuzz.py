@@ -1,7 +1,6 @@
 """Reads damaged and hostile files: checkpoints, 2018 weights, training states, recordings.
 
-    python tests/fuzz.py                          100,000 files and those of
-                                                  hostile.py; exit code 1 if anything is wrong
+    python tests/fuzz.py                          100,000 files; exit code 1 if anything is wrong
     python tests/fuzz.py --files 5000 --seed 3
 
 Each file is read as far as the library can, or refused with one sentence (InputError) that names

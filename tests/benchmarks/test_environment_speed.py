@@ -14,12 +14,8 @@ import pytest
 
 import designrl  # noqa: F401
 from designrl.envs.ant import Ant
-from designrl.experiments import get_experiment
-from designrl.policy import Agent, forward_function
-from designrl.simulation import run_episode
 
 STEPS = 1000
-ANT = pytest.mark.benchmark(group="ant environment")
 
 
 class RandomActions:
@@ -81,7 +77,7 @@ def episode():
     return AntEpisode()
 
 
-@ANT
+@pytest.mark.benchmark(group="ant environment")
 def test_ant(measure, episode):
     env = gymnasium.make("designrl/Ant-v0").unwrapped
 
@@ -92,42 +88,3 @@ def test_ant(measure, episode):
         return STEPS
 
     assert measure(steps, episode.bare) >= 0.7  # the aim is 0.75
-
-
-@ANT
-@pytest.mark.parametrize("policy", ["NumPy", "compiled"])
-def test_ant_with_policy(measure, episode, policy):
-    class StandingAgent(Agent):
-        """Pays for a policy, and acts as in the recorded episode."""
-
-        def act(self, observation, t=0):
-            super().act(observation, t)
-            return episode.actions[t]
-
-    experiment = get_experiment("ant")
-    parameters = 0.1 * np.random.default_rng(0).standard_normal(experiment.num_parameters)
-    agent = StandingAgent(experiment, parameters)
-    if policy == "NumPy":
-        weights = parameters[: experiment.network.num_weights]
-        agent._forward = forward_function(experiment.network, weights)
-    env = gymnasium.make(experiment.env_id, disable_env_checker=True)
-
-    def whole_episode() -> int:
-        assert run_episode(env, agent, seed=0)[1] == STEPS
-        return STEPS
-
-    measure(whole_episode, episode.bare)
-
-
-@pytest.mark.benchmark(group="ant reset")
-@pytest.mark.parametrize("body", ["the same", "another"])
-def test_ant_reset(benchmark, body):
-    env, rng = Ant(), np.random.default_rng(0)
-    designs = rng.uniform(0.25, 1.75, (20, 36)) if body == "another" else np.ones((20, 36))
-
-    def resets():
-        for design in designs:
-            env.reset(seed=0, options={"design": design})
-
-    benchmark.pedantic(resets, rounds=9, warmup_rounds=1)
-    benchmark.extra_info["milliseconds"] = round(1e3 * benchmark.stats.stats.median / 20, 2)
