@@ -101,7 +101,9 @@ def load_author(path: str | Path, experiment: Experiment) -> Agent:
     try:
         agent = Agent(experiment, parameters, network, metadata)
     except InputError as error:
-        raise InputError(f"{path} cannot be used as {experiment.name}: {error}") from None
+        names = fitting(parameters.size)
+        could = f"; by its size it can be of {' or '.join(names)}" if names else ""
+        raise InputError(f"{path} cannot be used as {experiment.name}: {error}{could}") from None
     if _is_bullet_ant(parameters):
         remark(f"{path} {BULLET_ANT}")
     return agent

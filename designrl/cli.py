@@ -40,7 +40,12 @@ def load_module(name: str) -> None:
     try:
         found = importlib.import_module(module)
     except ImportError as error:
-        raise InputError(f"{name} cannot be loaded: {error}") from None
+        mend = (
+            "; name a .py file, or a module that can be imported"
+            if module.split(".")[0] == error.name
+            else ""
+        )
+        raise InputError(f"{name} cannot be loaded: {error}{mend}") from None
     source = Path(getattr(found, "__file__", None) or "")
     if path.suffix == ".py" and source.resolve() != path.resolve():
         raise InputError(f"{name} has the name of a module that is in use; give it another")
@@ -194,8 +199,10 @@ def _train(args) -> None:
 
 
 def _add_train(commands) -> None:
-    train = _command(commands, "train", _train, "train an experiment")
-    train.add_argument("experiment", metavar="EXPERIMENT")
+    about = "train an experiment; settings that are not given are the recipe's"
+    train = _command(commands, "train", _train, about)
+    about = "one that `designrl experiments` lists"
+    train.add_argument("experiment", metavar="EXPERIMENT", help=about)
     train.add_argument(
         "--recipe",
         default="paper",
@@ -551,7 +558,7 @@ def _add_publish(commands) -> None:
     about = "write a run's agent, card and recording into the clone's folders pretrained and logs"
     publish = _command(commands, "publish", _publish, about)
     publish.add_argument("run", metavar="RUN", help="its folder")
-    names = '"seedK", "paper-seedK" (its settings) or "blooper-seedK" (other limits of its body)'
+    names = '"seedK" (our recipe), "paper-seedK" (the paper\'s) or "blooper-seedK" (other limits)'
     publish.add_argument("--name", required=True, help=names)
 
 
@@ -570,7 +577,10 @@ def _checkpoints(_args) -> None:
 
 
 class Parser(argparse.ArgumentParser):
-    """One that says what is wrong in one sentence."""
+    """One that says what is wrong in one sentence, and guesses no option from its start."""
+
+    def __init__(self, **how):
+        super().__init__(allow_abbrev=False, **how)
 
     def error(self, message: str):
         raise InputError(f"{message}; `{self.prog} --help` says what it takes")
@@ -591,7 +601,7 @@ def parser() -> Parser:
         help="first run a module or .py file that registers experiments of your own",
     )
     top.add_argument("--version", action="version", version=f"designrl {VERSION}")
-    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
     about = "list the experiments with the paper's settings and ours"
     _command(commands, "experiments", _experiments, about)
     _add_train(commands)
@@ -616,7 +626,12 @@ def main(argv: list[str] | None = None) -> None:
     """Run a command; wrong input ends with one sentence and exit code 2."""
     open_streams()
     try:
-        args = parser().parse_args(argv)
+        args, unknown = parser().parse_known_args(argv)
+        if unknown:
+            raise InputError(
+                f"there is no place for {' '.join(unknown)}; `designrl {args.command} --help` says "
+                "what it takes"
+            )
         for module in args.load:
             load_module(module)
         args.function(args)

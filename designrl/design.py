@@ -165,7 +165,7 @@ class DesignSpace:
         for name in design:
             if name not in scales:
                 near = difflib.get_close_matches(str(name), self.names, n=1)
-                known = f"did you mean {near[0]!r}?" if near else f"there is {self.names[0]!r}, ..."
+                known = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(self.names)}"
                 raise InputError(f"this body has no dimension {name!r}; {known}")
         return self._vector(list({**scales, **design}.values()))
 

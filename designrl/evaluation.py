@@ -12,7 +12,7 @@ import numpy as np
 
 from designrl.design import changes_in_words
 from designrl.errors import InputError
-from designrl.names import load
+from designrl.names import agent_of
 from designrl.numeric import whole_number
 from designrl.policy import Agent
 from designrl.settings import MAX_EPISODES
@@ -122,7 +122,7 @@ def worst(agent: Agent | str | Path, result: Evaluation, count: int, **env_kwarg
         InputError: a count that is no whole number from 1 on; an episode that has another score
             here, so that nobody knows what ended it.
     """
-    agent = _agent(agent)
+    agent = agent_of(agent)
     count = whole_number("the number of lowest scores", count, 1)
     seeds, found = episode_seeds(result.seed, len(result.scores)), []
     weights = {"reward_weights": result.reward_weights} if result.reward_weights else {}
@@ -149,14 +149,6 @@ def worst(agent: Agent | str | Path, result: Evaluation, count: int, **env_kwarg
 def episode_seeds(seed: int, count: int) -> np.ndarray:
     """(count,) int64 seeds of an evaluation's episodes; fewer episodes are the first of more."""
     return np.random.SeedSequence(seed).generate_state(count).astype(np.int64)
-
-
-def _agent(agent: Agent | str | Path) -> Agent:
-    if isinstance(agent, str | Path):
-        agent = load(agent)
-    if not isinstance(agent, Agent):
-        raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
-    return agent
 
 
 def evaluate(
@@ -187,7 +179,7 @@ def evaluate(
     """
     episodes = whole_number("the number of episodes", episodes, 1, MAX_EPISODES)
     seed = whole_number("the seed", seed, 0)
-    agent = _agent(agent)
+    agent = agent_of(agent)
     scales = None if design is None else agent.body_with(design)
     start = time.perf_counter()
     about = agent.experiment, backend, agent.network, workers

@@ -26,8 +26,8 @@ def find(name: str | Path) -> Path:
         name: a file, the folder of a run, or "biped-morphology/seed0" for the published agent.
 
     Raises:
-        InputError: a published agent's name where there is none, or an experiment's; a run without
-            an agent.
+        InputError: there is nothing of that name; a folder that holds no run, or one without an
+            agent.
     """
     path = Path(name)
     if (path / "best.safetensors").is_file():
@@ -38,30 +38,43 @@ def find(name: str | Path) -> Path:
             f"{run} has no agent; a run keeps its first one at its first evaluation (go on with "
             "--resume), and those of published runs are in pretrained/"
         )
-    if path.exists():
-        return path
-    if str(path) in EXPERIMENTS:
-        raise InputError(f"{path} is an experiment; name an agent of `designrl checkpoints`")
-    if not NAME.fullmatch(str(path)):
+    if path.exists() and not path.is_dir():
         return path
     published = PRETRAINED / f"{path}.safetensors"
-    if not published.is_file():
-        raise InputError(f"there is no agent {name}; `designrl checkpoints` lists those there are")
+    if path.exists() or not NAME.fullmatch(str(path)) or not published.is_file():
+        raise nothing_at(path)
     return published
+
+
+def nothing_at(path: Path) -> InputError:
+    """What to say where a path is no file, run or published name."""
+    if path.is_dir():
+        return InputError(f"{path} holds no run; name the folder of one, as runs/biped/seed0")
+    if str(path) in EXPERIMENTS:
+        return InputError(f"{path} is an experiment; name one of its runs, as {path}/seed0")
+    return InputError(
+        f"there is no {path}; name a file, the folder of a run or, as biped/seed0, one that "
+        "`designrl checkpoints` lists"
+    )
 
 
 def find_run(name: str | Path) -> Path:
     """The run or recording that is meant: itself, or in a clone the published run of that name.
 
     Raises:
-        InputError: the name of a published run, which an installation does not have.
+        InputError: there is nothing of that name, or a published run, which an installation does
+            not have.
     """
     path, published = Path(name), PRETRAINED.parent / "logs" / name
-    if not NAME.fullmatch(str(path)) or path.exists():
+    if path.exists():
         return path
-    if not published.is_dir() and (PRETRAINED / f"{path}.safetensors").is_file():
+    if not NAME.fullmatch(str(path)):
+        raise nothing_at(path)
+    if published.is_dir():
+        return published
+    if (PRETRAINED / f"{path}.safetensors").is_file():
         raise InputError(f"the recordings of {name} are in designrl's repository alone, in logs")
-    return published if published.is_dir() else path
+    raise nothing_at(path)
 
 
 def load(name: str | Path, experiment: str | None = None) -> Agent:
@@ -85,6 +98,19 @@ def load(name: str | Path, experiment: str | None = None) -> Agent:
     else:
         agent = load_author(path, get_experiment(experiment))
     agent.file, agent.sha256 = path.absolute(), file_hash(path)
+    return agent
+
+
+def agent_of(agent: Agent | str | Path) -> Agent:
+    """An agent, or what `load` takes, as one.
+
+    Raises:
+        InputError: neither, or as `load`.
+    """
+    if isinstance(agent, str | Path):
+        agent = load(agent)
+    if not isinstance(agent, Agent):
+        raise InputError(f"the agent is {agent!r}; give one from designrl.load, or its file")
     return agent
 
 

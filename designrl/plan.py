@@ -4,6 +4,7 @@ import math
 import shutil
 import tempfile
 import time
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 
@@ -58,8 +59,8 @@ def dry_run(run: TrainingRun) -> None:
         f"  speed     {speed:,.0f} steps/s {where}, {backend} backend\n"
         f"  steps     {low:,.0f} if episodes stay as short as at the start ({shortest:.0f} steps), "
         f"{high:,} if all last {longest}\n"
-        f"  time      {tqdm.format_interval(low / speed)} to "
-        f"{tqdm.format_interval(high / speed)} (h:min:s)\n"
+        f"  time      {timedelta(seconds=round(low / speed))} to "
+        f"{timedelta(seconds=round(high / speed))} (h:min:s)\n"
         f"  disk      {size(disk)} at most, {size(recording)} of it for generations.mcap (a "
         f"resume needs that once more, for a moment); {size(free)} are free"
     )

@@ -238,12 +238,21 @@ class Agent:
         Returns: the first observation (O,).
 
         Raises:
-            InputError: a seed that is no whole number from 0 on; no design of the body; no design
-                at all, where the environment was made with another body than the agent's own.
+            InputError: a seed that is no whole number from 0 on; an environment without the body;
+                no design of the body; no design at all, where the environment was made with another
+                body than the agent's own.
         """
         seed = whole_number("the seed", seed, 0)
         scales = self.body_with(design)
         given = given_design(env, scales)
+        world = env.unwrapped
+        body, own = getattr(world, "body", None), self.experiment.body
+        another = body is None and world.spec and world.spec.id != self.experiment.env_id
+        if another or body not in (None, own):  # it would be walked in without the design
+            raise InputError(
+                f"{world} does not have the body of {self.experiment.name}; make "
+                f"{self.experiment.env_id}"
+            )
         if design is None and not np.array_equal(given, scales):
             raise InputError(
                 "the environment was made with another body than the agent's own; to walk in that "

@@ -141,6 +141,12 @@ class RunFolder:
         tensors, about = checkpoint.read_tensors(self.state, checkpoint.STATE_FORMAT)
         damaged = InputError(f"{self.state} is damaged; start again in another folder")
         try:
+            theirs = about["settings"].get("experiment")
+            if theirs != settings.experiment:
+                raise InputError(
+                    f"{self.path} holds a run of {theirs}, not {settings.experiment}; choose "
+                    "another folder with --out"
+                )
             for name, ours in vars(settings).items():
                 theirs = about["settings"].get(name)
                 if theirs != ours and not (name == "generations" and theirs < ours):

@@ -138,7 +138,7 @@ class Simulator(AbstractContextManager):
             if unknown := sorted(set(env_kwargs) - set(inspect.signature(creator).parameters)):
                 others = " or other limits of its body" if unknown[0] == "design_bounds" else ""
                 raise InputError(
-                    f"{self.experiment.name} has no {unknown[0]}{others}; leave it out"
+                    f"{self.experiment.name} takes no {unknown[0]}{others}; leave it out"
                 )
         kwargs = {**self.experiment.training_kwargs, **env_kwargs}
         self._bodies = self.space.within(kwargs.get("design_bounds"))

@@ -29,7 +29,7 @@ with optional("training", "train", "make setup-train"):
     from tqdm import tqdm
 
 from designrl import checkpoint
-from designrl.experiments import Experiment, get_experiment
+from designrl.experiments import EXPERIMENTS, Experiment, get_experiment
 from designrl.names import find, load
 from designrl.policy import Agent
 from designrl.provenance import processor, sources_hash, versions
@@ -147,9 +147,14 @@ class TrainingRun:
         agent = load(path, name if path.suffix == ".json" else None)
         theirs = agent.experiment
         if (theirs.body, theirs.learns_design) != (ours.body, ours.learns_design):
+            alike = [
+                e.name
+                for e in EXPERIMENTS.values()
+                if (e.body, e.learns_design) == (ours.body, ours.learns_design)
+            ]
             raise InputError(
                 f"{path} is of {theirs.name}, whose parameters are not those of {name}; name an "
-                "agent with the same body, learned or not as there"
+                f"agent of {' or '.join(alike)}"
             )
         if agent.network != ours.network:
             raise InputError(

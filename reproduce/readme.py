@@ -140,7 +140,7 @@ def bodies_answer() -> str:
     answer = "; ".join(f"{', '.join(letters)} {how}" for how, letters in lies.items() if letters)
     return (
         f"**Learned legs beside the author's: {answer}** (letters: the table below). Areas in % of "
-        f"the original, of our runs and his: {'; '.join(parts)}. [Shapes](docs/studies.md"
+        f"the original, of our recipe's runs and his: {'; '.join(parts)}. [Shapes](docs/studies.md"
         "#are-the-learned-bodies-the-papers)."
     )
 

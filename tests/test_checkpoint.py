@@ -122,9 +122,9 @@ def test_the_wrong_file_is_refused_by_name(tmp_path):
     save(make_agent("biped"), tmp_path / "a.safetensors")
     with pytest.raises(InputError, match="is of experiment biped, not biped-morphology"):
         load(tmp_path / "a.safetensors", "biped-morphology")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="there is no .*absent"):
         load(tmp_path / "absent.safetensors")
-    with pytest.raises(InputError, match="is a folder"):
+    with pytest.raises(InputError, match="holds no run"):
         load(tmp_path)
     (tmp_path / "a.json").write_text("[[], 0]")
     with pytest.raises(InputError, match="the name of its experiment"):

@@ -16,7 +16,7 @@ from designrl.experiments import EXPERIMENTS, get_experiment
 from designrl.files import file_hash
 from designrl.names import PRETRAINED, load
 from designrl.policy import Agent
-from designrl.recording import read
+from designrl.recording import read, record_rollout
 from designrl.settings import TrainSettings
 
 
@@ -116,7 +116,7 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
     ("command", "words"),
     [
         ("evaluate cut.safetensors", "cut.safetensors is not a whole"),
-        ("evaluate absent.safetensors", "absent.safetensors cannot be read"),
+        ("evaluate absent.safetensors", "there is no absent.safetensors; name a file"),
         ("evaluate agent.safetensors --experiment biped", "not biped"),
         ("evaluate agent.safetensors --episodes 0", "number of episodes is 0; it must be"),
         (
@@ -142,8 +142,8 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
             "--episode is -1; it must be",
         ),
         ("import weights.json --experiment biped -o r.json", "must end in .safetensors"),
-        ("replay r.mcap --save r.png", "r.png must end in .rrd"),
-        ("replay r.mcap --headless-screenshot r.jpg", "must end in .png"),
+        ("replay biped/seed0 --save r.png", "r.png must end in .rrd"),
+        ("replay biped/seed0 --headless-screenshot r.jpg", "must end in .png"),
         ("evaluate biped/seed99", "`designrl checkpoints` lists"),
         ("evaluate agent.safetensors --design height", "'height' is not that"),
         ("evaluate agent.safetensors --design 0.6", "'0.6' is not that"),
@@ -153,15 +153,19 @@ def test_record_takes_an_episode_of_an_evaluation_and_info_tells_of_both(
         ),
         ("evaluate agent.safetensors --reward-weight fall=1 fall=2", "has 'fall' twice"),
         ("record agent.safetensors -o r.mcap --design height=1", "no dimension 'height'"),
-        ("evaluate biped", "biped is an experiment; name an agent of"),
+        ("evaluate biped", "biped is an experiment; name one of its runs, as biped/seed0"),
+        ("compare biped", "biped is an experiment; name one of its runs, as biped/seed0"),
+        ("replay biped/seed77 --save b.rrd", "there is no biped/seed77; name a file"),
+        ("export . -o a.csv", ". holds no run; name the folder of one"),
+        ("evaluate agent.safetensors --episode 3", "`designrl evaluate --help` says"),
         ("train biped --recipe plain --sigma-change-max 0.1", "sigma-change-max is part of"),
         ("evaluate agent.safetensors --worst 0", "--worst is 0; it must be a whole number from 1"),
         ("record agent.safetensors", "-o FILE.mcap, --video FILE.mp4, or both"),
         ("record agent.safetensors -o r.mcap --video r.avi", "no video; give it a name in .mp4"),
-        ("replay r.mcap --at 3", "--headless-screenshot"),
-        ("replay r.mcap --port 80", "those of --web"),
-        ("replay r.mcap s.mcap --video r.gif", "films one run"),
-        ("replay r.mcap --video r.gif --at 3", "does nothing else"),
+        ("replay biped/seed0 --at 3", "--headless-screenshot"),
+        ("replay biped/seed0 --port 80", "those of --web"),
+        ("replay biped/seed0 biped/seed1 --video r.gif", "films one run"),
+        ("replay biped/seed0 --video r.gif --at 3", "does nothing else"),
         (f"info {300 * 'a'}", "cannot be used (File name too long)"),
     ],
 )
@@ -225,7 +229,7 @@ def test_a_published_agent_and_a_run_are_found_by_name(checkpoint, tmp_path, cap
     np.testing.assert_array_equal(designrl.load(names[0]).parameters, expected)
     monkeypatch.chdir(tmp_path)
     (tmp_path / names[0]).mkdir(parents=True)  # a run without an agent, yet
-    with pytest.raises(InputError, match=f"{names[0]} is a folder"):
+    with pytest.raises(InputError, match=f"{names[0]} holds no run"):
         designrl.load(names[0])
     (tmp_path / "run").mkdir()
     checkpoint.rename(tmp_path / "run" / "best.safetensors")
@@ -258,7 +262,6 @@ def test_replay_and_export_find_a_published_run_by_name(tmp_path, capsys, monkey
     assert out == "run.rrd written\n"
     main(["export", str(name), "-o", "run.csv"])
     assert capsys.readouterr().out.startswith("run.csv: ")
-    assert "seed77 cannot be read" in refused(capsys, "replay", "biped/seed77", "--save", "b.rrd")
 
 
 def test_without_a_clone_is_said_where_the_published_runs_are(tmp_path, capsys, monkeypatch):
@@ -270,9 +273,11 @@ def test_without_a_clone_is_said_where_the_published_runs_are(tmp_path, capsys, 
         assert "in designrl's repository alone" in refused(capsys, *command, "biped/seed0")
 
 
-def test_evaluate_takes_a_file_and_says_what_it_wants(checkpoint):
+def test_evaluate_and_record_take_a_file_and_say_what_they_want(checkpoint, tmp_path):
     scores = designrl.evaluate(str(checkpoint), episodes=1).scores
     assert scores == designrl.evaluate(load(checkpoint), episodes=1).scores
+    seed = int(episode_seeds(0, 1)[0])
+    assert scores == record_rollout(str(checkpoint), tmp_path / "r.mcap", seed)
     with pytest.raises(InputError, match="the agent is None; give one from designrl.load"):
         designrl.evaluate(None)
 

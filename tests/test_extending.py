@@ -240,7 +240,7 @@ def test_commands_know_the_experiments_of_a_loaded_module_in_all_processes(
 def test_what_an_environment_does_not_do_is_said_in_one_sentence(page, tmp_path, capsys):
     out = Path("runs/hopper/seed0")
     for words, sentence in (
-        (["evaluate", out, "--lidar", "v3"], "hopper-morphology has no lidar; leave it out"),
+        (["evaluate", out, "--lidar", "v3"], "hopper-morphology takes no lidar; leave it out"),
         (["record", out, "--video", tmp_path / "a.webp"], "SpringHopper-v0 draws no pictures"),
         (["replay", out, "--video", tmp_path / "a.webp"], "SpringHopper-v0 draws no pictures"),
     ):

@@ -185,6 +185,14 @@ def test_an_agent_passes_over_no_design_that_was_chosen():
                 use(design=wrong)
 
 
+@pytest.mark.parametrize("env_id", ["BipedalWalker-v3", "designrl/Ant-v0"])
+def test_an_agent_walks_in_no_environment_without_its_body(env_id):
+    agent = Agent(get_experiment("biped-morphology"), candidates("biped-morphology", 1)[0])
+    with pytest.raises(InputError, match="does not have the body .* make designrl/BipedalWalker"):
+        agent.start(gymnasium.make(env_id), 0)
+    agent.start(gymnasium.make("designrl/BipedalWalkerHardcore-v0"), 0)
+
+
 @pytest.mark.parametrize("backend", ["engine", "reference"])
 def test_design_bounds_are_limits_of_the_candidates_bodies(backend):
     name, bounds = "biped-morphology", (0.25, 4.0)
@@ -373,7 +381,7 @@ def test_wrong_input_is_refused():
     for words, arguments in (
         ("backend", {"backend": "gpu"}),
         ("lidar is 'v9'", {"lidar": "v9"}),
-        ("biped has no speed; leave it out", {"speed": 3}),
+        ("biped takes no speed; leave it out", {"speed": 3}),
         ("no reward term 'speed'", {"reward_weights": {"speed": 2.0}}),
         (r"give design to rollout\(\)", {"design": np.ones(8)}),
         *(("workers is .* whole number", {"workers": n}) for n in (0, 1.5, "2", None)),

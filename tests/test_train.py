@@ -383,6 +383,8 @@ def test_two_runs_cannot_share_a_folder(tmp_path):
     before = file_hash(tmp_path / "state.safetensors")
     with pytest.raises(InputError, match="already holds a run"):
         second.run()
+    with pytest.raises(InputError, match="holds a run of biped-morphology, not ant; choose"):
+        train(tmp_path, "ant", resume=True, generations=2)
     assert file_hash(tmp_path / "state.safetensors") == before
 
 
@@ -540,8 +542,8 @@ def test_a_body_within_other_limits_does_not_start_a_run(tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("ant", "is of biped-morphology, whose parameters are not those of ant;"),
-        ("biped", "is of biped-morphology, whose parameters are not those of biped;"),
+        ("ant", "whose parameters are not those of ant; name an agent of ant"),
+        ("biped", "whose parameters are not those of biped; name an agent of biped or biped-h"),
     ],
 )
 def test_what_a_run_cannot_start_from_is_refused_before_anything_is_written(name, words, tmp_path):

@@ -14,7 +14,7 @@ from google.protobuf.message import DecodeError
 from mcap.records import Channel
 
 from designrl.errors import printable
-from designrl.names import find_run
+from designrl.names import find_run, nothing_at
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, RUN, THINNED, RecordingError
 from designrl.recording.scan import Scan
@@ -252,10 +252,15 @@ def read(path: str | Path) -> Recording:
         path: a file; or a run, by its folder or as "biped-morphology/seed0" for the published one.
 
     Raises:
+        InputError: there is nothing of that name.
         RecordingError: it cannot be read, or is not an MCAP file.
     """
     path = find_run(path)
-    return Recording(path / "generations.mcap" if path.is_dir() else path)
+    if not path.is_dir():
+        return Recording(path)
+    if not (path / "generations.mcap").exists():
+        raise nothing_at(path)
+    return Recording(path / "generations.mcap")
 
 
 def how_far(recording: Recording) -> str:

@@ -9,7 +9,9 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from designrl.bodies import Body, relative
 from designrl.design import changes_in_words
+from designrl.names import agent_of
 from designrl.numeric import real_numbers, whole_number
+from designrl.policy import Agent
 from designrl.recording import schema_pb2 as schema
 from designrl.recording.mcap_file import END, ROLLOUT, McapFile, RecordingError
 from designrl.recording.points import point_cloud
@@ -201,7 +203,7 @@ def _caption(metadata: dict, body: Body, scales: np.ndarray) -> str:
 
 
 def record_rollout(
-    agent,
+    agent: Agent | str | Path,
     path: str | Path,
     seed: int,
     steps: int | None = None,
@@ -211,7 +213,7 @@ def record_rollout(
     """Roll an agent out once and record that.
 
     Args:
-        agent: a `designrl.policy.Agent`.
+        agent: from `designrl.load`, or what that takes.
         path: the file to write.
         seed: of the environment and of the policy's noise; `designrl.evaluation.episode_seeds`
             has those of an evaluation.
@@ -222,11 +224,11 @@ def record_rollout(
     Returns: the score of what is recorded, without any other training-time change of the reward.
 
     Raises:
-        InputError: the seed is no whole number from 0 on, no design of the body, or weights that
-            the environment refuses.
+        InputError: no agent, the seed is no whole number from 0 on, no design of the body, or
+            weights that the environment refuses.
         RecordingError: the file cannot be written.
     """
-    seed = whole_number("the seed", seed, 0)
+    seed, agent = whole_number("the seed", seed, 0), agent_of(agent)
     space, scales = agent.experiment.body.design, agent.body_with(design)
     kwargs = {**agent.env_kwargs, **({"reward_weights": reward_weights} if reward_weights else {})}
     env = gymnasium.make(agent.experiment.env_id, disable_env_checker=True, **kwargs)

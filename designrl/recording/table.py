@@ -31,9 +31,8 @@ def table(path: str | Path | Recording, episodes: bool = False) -> Table:
     elif recording.kind == ROLLOUT and not episodes:
         found = _steps(recording)
     else:
-        raise RecordingError(
-            f"{recording.path} is no recording of {'a run' if episodes else 'ours'}"
-        )
+        kind = "a run, and has no evaluations" if episodes else "ours"
+        raise RecordingError(f"{recording.path} is no recording of {kind}")
     if len({column.shape for column in found.values()}) != 1:
         raise RecordingError(
             f"{recording.path} has messages that do not fit each other; get it again"
