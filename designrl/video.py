@@ -232,12 +232,14 @@ def _strip(width: int, generations, scores, now: int) -> Image.Image:
 # ------------------------------------------------------------------------------------ files
 
 
-def write_video(path: str | Path, frames: Iterable[Image.Image], agent: Agent) -> None:
-    """Write pictures of every EVERY-th step as a video in real time; .gif and .webp loop.
+def write_video(
+    path: str | Path, frames: Iterable[Image.Image], agent: Agent, every: int = EVERY
+) -> None:
+    """Write pictures of every so-many-th step as a video in real time; .gif and .webp loop.
 
     A .gif counts in hundredths of a second: an ant's is a tenth faster than real time.
     """
-    seconds = EVERY * agent.experiment.body.time_step
+    seconds = every * agent.experiment.body.time_step
     data = io.BytesIO()
     if Path(path).suffix == ".mp4":
         _write_mp4(data, frames, seconds)

@@ -6,17 +6,19 @@ Writes paper/gallery/EXPERIMENT.webp, a stretch of one typical rollout, and for 
 hardcore ground fall-EXPERIMENT.webp, the end of the rollout with the lowest score; experiments
 without a checkpoint are skipped. blooper-EXPERIMENT.webp are of runs whose bodies have other limits
 than the paper's, a typical rollout to 8 s. learning-EXPERIMENT.webp shows body and gait come about,
-where the recording of seed 0 has enough distributions. Not part of `make reproduce`: nothing is
+where the recording of a run has enough distributions. Not part of `make reproduce`: nothing is
 read from it.
 """
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 
 from PIL import Image
 from tqdm import tqdm
 
+from designrl.bodies.ant import ANT
 from designrl.evaluation import episode_seeds
 from designrl.policy import Agent
 from designrl.recording import read
@@ -24,6 +26,7 @@ from designrl.video import EVERY, STAGES, captioned, evolution, film, write_vide
 from reproduce.drawing import typical_seed
 from reproduce.paths import EIGHT, bloopers, recording_of, shown
 from reproduce.program import program
+from reproduce.publish import most_recorded
 from reproduce.scores import EPISODES, SEED, Score, score, usable
 from reproduce.sources import Sources
 from reproduce.tables import mean_and_std
@@ -65,9 +68,22 @@ def drawn(picture, s: Score, points: str) -> Image.Image:
     return captioned(small(Image.fromarray(picture)), name, points)
 
 
-def write(path: Path, frames: Iterable[Image.Image], agent: Agent) -> None:
+def learn(sources: Sources, name: str) -> None:
+    """Write how body and gait came about, where they are learned and recorded often enough."""
+    log = recording_of(Path(name, most_recorded(EIGHT[name])))
+    if not (EIGHT[name].learns_design and log.exists()):
+        return
+    if read(log).topics.get("/distribution", 0) < STAGES:
+        return
+    agent, pictures = evolution(log, STAGE)
+    thin = 2 if agent.experiment.body is ANT else 1  # its ground fills the picture: large files
+    frames = islice(map(small, pictures), None, None, thin)
+    write(sources.folder / f"gallery/learning-{name}.webp", frames, agent, thin * EVERY)
+
+
+def write(path: Path, frames: Iterable[Image.Image], agent: Agent, every: int = EVERY) -> None:
     """Write a video, and say so."""
-    write_video(path, frames, agent)
+    write_video(path, frames, agent, every)
     tqdm.write(f"{shown(path)}: {path.stat().st_size / 1024:.0f} kB")
 
 
@@ -81,11 +97,7 @@ def main() -> None:
                 write(sources.folder / f"gallery/{name}.webp", walk(s), s.agent)
                 if "hardcore" in name:
                     write(sources.folder / f"gallery/fall-{name}.webp", fall(s), s.agent)
-            log = recording_of(Path(name, "seed0"))
-            if log.exists() and read(log).topics.get("/distribution", 0) >= STAGES:
-                agent, pictures = evolution(log, STAGE)
-                path = sources.folder / f"gallery/learning-{name}.webp"
-                write(path, map(small, pictures), agent)
+            learn(sources, name)
         for s in usable(score(path, path.parent.name, sources.backend) for path in bloopers()):
             target = sources.folder / f"gallery/blooper-{s.agent.experiment.name}.webp"
             write(target, walk(s, LAST_OF_BLOOPER), s.agent)

@@ -32,10 +32,9 @@ from reproduce.scores import EPISODES, SEED, Score, rewards_small_legs
 from reproduce.statistics import mean_interval
 
 ROLLOUT_STEPS = 60  # recorded of the agent: enough to see its gait, small enough to commit
-WHOLE = "seed0"  # of this run of an experiment the whole rollout
-# Of one run of an experiment so many distributions: by letter, and seed 0 of the others. Runs that
-# were published before all were recorded have three.
-DISTRIBUTIONS, OFTEN = 20, {"a": "seed5", "b": "seed5", "g": "paper-seed1"}
+DISTRIBUTIONS = 20  # of one run of an experiment; others have three
+# Which one, by letter; seed 0 of the others. Of older runs all but three were not kept.
+MORE = {"a": "seed5", "b": "seed5", "f": "seed3", "g": "paper-seed1", "h": "seed3"}
 # How names of runs begin -> the recipe of such a run, and what may differ from that.
 KINDS = {
     "": ("ours", set()),
@@ -82,7 +81,8 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
         new.mkdir()
         most = messages_kept(agent.experiment, name)
         thin(run / "generations.mcap", new / "generations.mcap", most)
-        record_rollout(agent, new / rollout, SEED, steps=None if name == WHOLE else ROLLOUT_STEPS)
+        whole = name == "seed0" or most != KEPT
+        record_rollout(agent, new / rollout, SEED, steps=None if whole else ROLLOUT_STEPS)
         write_atomically(checkpoint, content)
         shutil.rmtree(log, ignore_errors=True)
         new.rename(log)
@@ -97,8 +97,13 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
 
 def messages_kept(experiment: Experiment, name: str) -> dict[str, int]:
     """Of each topic of a run's recording, how many messages are published at most."""
-    often = name == OFTEN.get(experiment.letter, WHOLE)
-    return KEPT | ({"/distribution": DISTRIBUTIONS} if often else {})
+    more = name == most_recorded(experiment)
+    return KEPT | ({"/distribution": DISTRIBUTIONS} if more else {})
+
+
+def most_recorded(experiment: Experiment) -> str:
+    """Name of the run of which most is published."""
+    return MORE.get(experiment.letter, "seed0")
 
 
 def check_name(name: str, run: Path, settings: TrainSettings) -> None:

@@ -49,7 +49,7 @@ from reproduce import (
     tables,
     transfer,
 )
-from reproduce.paths import ROOT, paper, pretrained, recording_of
+from reproduce.paths import ROOT, paper, pretrained
 from reproduce.sources import AT_PAPERS, Sources
 
 
@@ -232,10 +232,15 @@ def test_readme_has_the_committed_results():
         assert f"{start}\n{content}\n{end}" in text, "run `make reproduce-readme`"
 
 
-@pytest.mark.parametrize("name", ["biped", "biped-morphology", "biped-morphology-smaller-leg"])
-def test_seed_0_on_flat_ground_has_many_distributions(name):
-    log = read(recording_of(pretrained(name)[0]))
-    assert log.topics["/distribution"] == publish.DISTRIBUTIONS
+@pytest.mark.parametrize(
+    "name",
+    ["ant", "ant-morphology", "biped", "biped-morphology", "biped-morphology-smaller-leg"],
+)
+def test_one_run_has_many_distributions_and_its_whole_rollout(name):
+    log = ROOT / "logs" / name / publish.most_recorded(get_experiment(name))
+    assert read(log).topics["/distribution"] == publish.DISTRIBUTIONS
+    [rollout] = log.glob("rollouts/*.mcap")
+    assert read(rollout).topics["/action"] > 500
 
 
 # ------------------------------------------------------------------------------------- dependency
