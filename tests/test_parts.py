@@ -32,11 +32,11 @@ COMMANDS = {
     f"evaluate {NAME} --episodes 1 -o a.parquet": "view",
     f"record {NAME} -o a.mcap": "view",
     f"record {NAME} --video a.webp": "view",
-    "replay a.mcap": "view",
-    "replay a.mcap --video a.mp4": "view",
-    "export a.mcap -o a.csv": "view",
-    "info a.mcap": "view",
-    "compare a.mcap b.mcap": "view",
+    "replay there.mcap": "view",
+    "replay there.mcap --video a.mp4": "view",
+    "export there.mcap -o a.csv": "view",
+    "info there.mcap": "view",
+    "compare there.mcap b.mcap": "view",
 }
 IMPORTS = {
     "import gymnasium; gymnasium.make('designrl/BipedalWalker-v0')": "reference",
@@ -120,6 +120,7 @@ envs.step(envs.action_space.sample())
 
 @pytest.mark.parametrize(("command", "extra"), COMMANDS.items())
 def test_a_command_names_the_extra_that_it_lacks(base, command, extra):
+    (base / "there.mcap").touch()
     said, error = run(base, "-m", "designrl", *shlex.split(command), code=2)
     assert said == "" and error.startswith("designrl: ") and error.count("\n") == 1
     assert f"install designrl[{extra}]" in error
@@ -137,9 +138,9 @@ def test_a_protobuf_that_is_too_old_is_said_in_one_sentence():
 import google.protobuf.runtime_version as runtime
 runtime.MAJOR, runtime.MINOR = 5, 28
 from designrl.cli import main
-main(["info", "a.mcap"])
+main(["info", "logs/biped/seed0/generations.mcap"])
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "runtime 5.28" in done.stderr and "install designrl[view]" in done.stderr
 

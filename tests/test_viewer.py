@@ -374,7 +374,7 @@ def test_what_we_start_of_rerun_ends_with_a_kill_of_us():
 @pytest.mark.parametrize(
     ("make", "problem"),
     [
-        (lambda path: None, "No such file"),
+        (lambda path: None, "name a file"),
         (Path.mkdir, "no recordings"),
         (lambda path: path.write_bytes(b"nonsense"), "is not an MCAP file"),
         (write_empty, "holds nothing to show"),
