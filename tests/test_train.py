@@ -222,7 +222,7 @@ def cut_state(folder):
     [
         (None, {"resume": False}, "already holds a run"),
         (None, {"population": 6}, "population = 4, not 6"),
-        (None, {"experiment": "biped"}, "experiment = 'biped-morphology', not 'biped'"),
+        (None, {"experiment": "biped"}, "a run of biped-morphology, not biped"),
         (None, {"learning_rate": 0.02, "generations": 9}, "learning_rate = 0.01, not 0.02"),
         (None, {"generations": 1}, "generations = 5, not 1"),
         (lose("state.safetensors"), {}, r"no state\.safetensors"),
