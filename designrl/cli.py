@@ -582,6 +582,12 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **how):
         super().__init__(allow_abbrev=False, **how)
 
+    def parse_known_args(self, args=None, namespace=None):
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:  # argparse leaves them to the top, whose help has nothing on a command's
+            self.error(f"there is no place for {' '.join(unknown)}")
+        return found, unknown
+
     def error(self, message: str):
         raise InputError(f"{message}; `{self.prog} --help` says what it takes")
 
@@ -601,7 +607,7 @@ def parser() -> Parser:
         help="first run a module or .py file that registers experiments of your own",
     )
     top.add_argument("--version", action="version", version=f"designrl {VERSION}")
-    commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    commands = top.add_subparsers(required=True, metavar="COMMAND")
     about = "list the experiments with the paper's settings and ours"
     _command(commands, "experiments", _experiments, about)
     _add_train(commands)
@@ -626,12 +632,7 @@ def main(argv: list[str] | None = None) -> None:
     """Run a command; wrong input ends with one sentence and exit code 2."""
     open_streams()
     try:
-        args, unknown = parser().parse_known_args(argv)
-        if unknown:
-            raise InputError(
-                f"there is no place for {' '.join(unknown)}; `designrl {args.command} --help` says "
-                "what it takes"
-            )
+        args = parser().parse_args(argv)
         for module in args.load:
             load_module(module)
         args.function(args)

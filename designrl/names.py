@@ -38,10 +38,12 @@ def find(name: str | Path) -> Path:
             f"{run} has no agent; a run keeps its first one at its first evaluation (go on with "
             "--resume), and those of published runs are in pretrained/"
         )
-    if path.exists() and not path.is_dir():
+    if path.is_dir():
+        raise nothing_at(path)
+    if path.exists():
         return path
     published = PRETRAINED / f"{path}.safetensors"
-    if path.exists() or not NAME.fullmatch(str(path)) or not published.is_file():
+    if not NAME.fullmatch(str(path)) or not published.is_file():
         raise nothing_at(path)
     return published
 

@@ -81,7 +81,7 @@ def publish(run: Path, name: str, replace: bool = False) -> str:
         new.mkdir()
         most = messages_kept(agent.experiment, name)
         thin(run / "generations.mcap", new / "generations.mcap", most)
-        whole = name == "seed0" or most != KEPT
+        whole = name in ("seed0", most_recorded(agent.experiment))
         record_rollout(agent, new / rollout, SEED, steps=None if whole else ROLLOUT_STEPS)
         write_atomically(checkpoint, content)
         shutil.rmtree(log, ignore_errors=True)

@@ -255,12 +255,11 @@ def read(path: str | Path) -> Recording:
         InputError: there is nothing of that name.
         RecordingError: it cannot be read, or is not an MCAP file.
     """
-    path = find_run(path)
-    if not path.is_dir():
-        return Recording(path)
-    if not (path / "generations.mcap").exists():
-        raise nothing_at(path)
-    return Recording(path / "generations.mcap")
+    found = find_run(path)
+    recording = found / "generations.mcap" if found.is_dir() else found
+    if not recording.exists():
+        raise nothing_at(found)
+    return Recording(recording)
 
 
 def how_far(recording: Recording) -> str:
