@@ -442,6 +442,8 @@ def test_thinning_spreads_over_generations_also_where_a_thinned_run_went_on(run,
     assert read(once).array("/design", "sequence").tolist() == [0, *range(11, 24)]
     thin(once, twice, {"/design": 4})
     assert read(twice).array("/design", "sequence").tolist() == [0, 11, 15, 23]
+    thin(once, twice, {"/design": 6})  # as many, though none of 1 to 10 is there
+    assert read(twice).array("/design", "sequence").tolist() == [0, 11, 13, 16, 20, 23]
 
 
 # ---------------------------------------------------------------------------- rollouts

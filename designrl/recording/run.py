@@ -271,11 +271,27 @@ def _copy(target: McapFile, source: Recording, copied) -> None:
             target.seal_if_due()
 
 
+def _spread(held: np.ndarray, most: int) -> np.ndarray:
+    """Of more than `most` generations so many at most, spread as evenly as they lie."""
+    middles = (held[1:] + held[:-1]) / 2
+    chosen = held[:0]
+    # Several of the even generations have the same nearest one where others are missing: the finest
+    # spacing that does not take too many makes up for those.
+    for count in range(most, len(held)):
+        even = np.linspace(held[0], held[-1], count)
+        nearest = np.unique(held[np.searchsorted(middles, even, side="right")])
+        if len(nearest) > most:
+            break
+        if len(nearest) >= len(chosen):
+            chosen = nearest
+    return chosen
+
+
 def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT) -> None:
     """Copy a run's recording with fewer messages.
 
-    Of each topic in `keep` it has so many at most: the first, the last and those nearest to
-    generations spread evenly between. Evaluations beyond that number stay without their episodes.
+    Of each topic in `keep` it has so many at most: the first, the last and others, spread as evenly
+    between as the source has them. Evaluations beyond that number stay without their episodes.
     Other topics are complete. Nothing is rounded. The metadata record "thinned" says what was done.
 
     Raises:
@@ -288,9 +304,7 @@ def thin(source: str | Path, target: str | Path, keep: Mapping[str, int] = KEPT)
     for topic in filter(recording.topics.get, keep):
         held = recording.array(topic, "sequence").astype(int)
         if len(held) > keep[topic]:
-            spread = np.linspace(held[0], held[-1], keep[topic])
-            middles = (held[1:] + held[:-1]) / 2
-            held = held[np.searchsorted(middles, spread, side="right")]
+            held = _spread(held, keep[topic])
         kept[topic] = set(held.tolist())
     done = {
         "of_generations": len(recording.generations),
